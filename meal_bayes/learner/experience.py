@@ -9,25 +9,31 @@ labels (of an instance, of an object) is what `Domain.replace` makes of all that
 order.
 
 Feedback is never erased: a row of value -1 withdraws the earlier ones of its trial.
+
+`record_step`, at the end, makes rows of a step of a trial.
 """
 
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Rows
+from meal_bayes.arrays import Rows, lowest_yes
 from meal_bayes.datasets import Dataset, Instance
-from meal_bayes.datasets.percepts import scores_of
+from meal_bayes.datasets.percepts import detected_levels, scores_of
 from meal_bayes.domain import Domain
 from meal_bayes.errors import QueryError
+from meal_bayes.look import warn_user
+from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Change, Feedback
+from meal_bayes.trials import Step, Task, Trial
 
 Labels = NDArray[np.int8]
 Objects = tuple[int, ...]  # by their rows in a percept table
@@ -531,3 +537,91 @@ class Experience:
         self.labels.append(self.no_labels)
         self._relabel([row])
         return row
+
+
+def record_steps(record: Experience, trial: Trial, steps: Sequence[Step]) -> None:
+    """Record steps of another learner's trial, or of a log; warn once of what cannot be held."""
+    for step in steps:
+        perceived = None
+        if step.sensed is not None:
+            perceived = step.sensed, record.no_labels
+            _warn_of_modalities(record, step.sensed)
+        record_step(record, trial.task, trial.momdp, step, perceived)
+
+
+def _warn_of_modalities(record: Experience, sensed: Instance) -> None:
+    """Warn once of features whose behavior has other modalities in this domain."""
+    spec = record.domain.behaviors[record.domain.behavior_index(sensed.behavior)]
+    modalities = ", ".join(sorted(sensed.features or ()))
+    case = f"{spec.name} {modalities}"
+    if (
+        not modalities
+        or {*(sensed.features or ())} == {*spec.modalities}
+        or case in record.warned_of
+    ):
+        return
+    record.warned_of.add(case)
+    warn_user(
+        f"The features of {spec.name} have the modalities {modalities}; the domain "
+        f"{record.domain.name!r} has {', '.join(spec.modalities) or 'none'}. "
+        "The features are ignored, and the percepts of the log are used. Load the domain of "
+        "that log to learn from them."
+    )
+
+
+def record_step(
+    record: Experience,
+    task: Task,
+    momdp: MOMDP,
+    step: Step,
+    perceived: tuple[Instance, NDArray[np.int8]] | None = None,
+) -> None:
+    """Record a step, with what was sensed and the levels (P,) where these are known; no report.
+
+    A step that only shows the queried attributes' percepts is recorded with these.
+    """
+    domain = record.domain
+    e = step.decision.action
+    if e >= momdp.n_behaviors:
+        return
+    instance, levels = perceived or (None, None)
+    if levels is not None:  # attributes may have been added since it was perceived
+        more = len(domain.attributes) - len(levels)
+        levels = np.pad(levels, (0, more), constant_values=-1)
+    if instance is None and task.object_index >= 0:  # a replay, of which the log has percepts alone
+        instance = Instance(task.object_index, domain.behaviors[e].name, NONE)
+    percepts = None if instance is None else instance.percepts
+    detected = detected_levels(percepts, domain, momdp.levels)
+    if percepts is not None and (levels is None or (levels < 0).all()):
+        levels = detected  # what it did not name was shown at even odds, and is no percept
+    shows = step.observation is not None or (levels is not None and (levels >= 0).any())
+    shows |= instance is not None and bool(instance.scores)
+    unperceived = levels is None or (levels < 0).all()
+    if step.observation is not None and unperceived and domain.behaviors[e].modalities:
+        levels = record.no_labels
+        levels[domain.columns(momdp.query.attributes)] = step.observation
+    if step.observation is not None and domain.behaviors[e].asks:
+        answers = record.no_labels
+        said = np.asarray(step.observation)
+        yes = said >= lowest_yes(momdp.levels)
+        answers[domain.columns(momdp.query.attributes)] = np.where(said >= 0, yes, -1)
+        record.add_answers(task.key, task.object_name, e, answers)
+    # When all recordings are used, a loop that succeeds looks as one that fails; so does one whose
+    # features cannot be read.
+    left_before = percepts_left(momdp, step.belief)[e] + shows
+    unread = step.unread and not shows and step.next_x == step.x
+    success = -1
+    if momdp.legal[step.x, e] and left_before > 0 and not unread:
+        # Where the diagram does not lead, it was not meant to go.
+        meant = momdp.transition[e, step.x, step.next_x] > 0
+        success = int(shows or (step.next_x != step.x and meant))
+    record.add_execution(
+        task.key,
+        task.object_name,
+        e,
+        success=success,
+        instance=instance,
+        levels=levels,
+        detected=detected,
+        n_levels=momdp.levels,
+    )

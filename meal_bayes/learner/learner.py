@@ -19,11 +19,10 @@ from meal_bayes.errors import LogError, QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
-from meal_bayes.learner.experience import Experience, Objects, key_of_name
+from meal_bayes.learner.experience import Experience, Objects, key_of_name, record_steps
 from meal_bayes.learner.find import Found, checked_objects, prior_of_yes, read_claim
 from meal_bayes.learner.fit import Fit, problem_of, solve, training_agent
-from meal_bayes.learner.fit_cache import FitCache
-from meal_bayes.learner.held_out import replay
+from meal_bayes.learner.held_out import HeldOut, replay
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.question import (
     IDLE,
@@ -31,13 +30,14 @@ from meal_bayes.learner.question import (
     Question,
     QuestionCounts,
     TrialOptions,
+    check_domain,
+    check_resumed,
     is_idle,
     read_task,
     robot_or_name,
     start_again,
     start_of,
 )
-from meal_bayes.learner.recording import check_domain, check_resumed, record_steps
 from meal_bayes.learner.saved import SavedLearner, agent_digest, read_learner, write_learner
 from meal_bayes.learner.settings import (
     REFIT_EVERY,
@@ -73,6 +73,63 @@ _STRANGER = (
     "learner with this agent=, or set learner.agent, before recall(); else what it learned is not "
     "repeated."
 )
+
+
+class _Fits:
+    """An `Online` of each agent in use, a `HeldOut` of each object of a table.
+
+    The second are functions of table and labels. The first are state: made by `refit`, at an
+    agent's first use, and by `update` where a refit is due; nothing that is only looked at makes
+    one that would not be made then, as whatever changes the record uses the agent first.
+
+    Agents are compared, not hashed: a solver or a bonus of one's own need not be hashable. There
+    are few of them.
+    """
+
+    def __init__(self, record: Experience, settings: LearnerSettings) -> None:
+        self.record = record
+        self.settings = settings
+        self.online: list[Online] = []
+        self._held_out: list[HeldOut] = []
+
+    def of(self, agent: Agent) -> Online:
+        """Return what an agent makes of the record, made when it is first used."""
+        for fit in self.online:
+            if fit.agent == agent:
+                return fit
+        fit = Online.refit(self.record, agent, self.settings)
+        self.online.append(fit)
+        return fit
+
+    def has(self, agent: Agent) -> bool:
+        """Return whether an agent has made anything of the record."""
+        return any(fit.agent == agent for fit in self.online)
+
+    def held_out(self, table: PerceptTable, agent: Agent, o: int, beside: Objects = ()) -> HeldOut:
+        """Return what an agent makes of the objects of a table but one, and those beside it."""
+        for fit in self._held_out:
+            if (fit.object_index, fit.beside) == (o, beside) and fit.agent == agent:
+                return fit
+        fit = HeldOut(self.record, agent, self.settings, table=table, object_index=o, beside=beside)
+        self._held_out.append(fit)
+        return fit
+
+    def clear(self) -> None:
+        """Forget what agents made of the record."""
+        self.online = []
+        self._held_out = []
+
+    def update(self, rows: NDArray[np.intp], *, refit: bool, anew: bool = False) -> None:
+        """Count instances (k,) with the labels that they have now; refit, if asked, where due.
+
+        Where executions were taken back it is due, too: all is learned `anew`.
+        """
+        self._held_out = []
+        for number, fit in enumerate(self.online):
+            if anew or (refit and fit.due):
+                self.online[number] = Online.refit(self.record, fit.agent, self.settings)
+            else:
+                fit.update(rows)
 
 
 class Learner:
@@ -162,7 +219,7 @@ class Learner:
         self.experience = Experience(domain)
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = chosen
-        self._fits = FitCache(self.experience, settings)
+        self._fits = _Fits(self.experience, settings)
         self._questions = QuestionCounts()
         self._logs = TrialLogs(logs, domain.name)
         self._lock = Lock()
@@ -1097,7 +1154,7 @@ class Learner:
         learner._questions = saved.questions
         learner._file = saved.file
         learner._robot_state = saved.robot_state
-        learner._fits = FitCache(saved.experience, saved.settings)
+        learner._fits = _Fits(saved.experience, saved.settings)
         learner._fits.online = saved.fitted
         return learner
 

@@ -2,11 +2,13 @@
 
 `refit` learns everything anew: classifiers, how much objects differ, how their percepts err
 together. Between refits these are constant, and a label is a conjugate update by the percepts of
-objects that no classifier has seen.
+objects that no classifier has seen. What a trial shows is perceived, and recorded, by
+`RecordingPerceiver`.
 """
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
@@ -14,36 +16,44 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Progress, add_bonus
 from meal_bayes.agents.knowledge import knowledge_of
-from meal_bayes.arrays import Rows
-from meal_bayes.datasets import Instance
+from meal_bayes.arrays import Levels, Rows, no_and_yes_of
+from meal_bayes.datasets import Dataset, Instance, TrainingSet
+from meal_bayes.datasets.features import warn_of_order
+from meal_bayes.datasets.percepts import classifier_levels, detected_levels, scores_of
 from meal_bayes.domain import Domain, Query, learn_answers, learn_success
 from meal_bayes.learner import views
-from meal_bayes.learner.experience import Context, Experience, Labels
-from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, told_of
-from meal_bayes.learner.perceived import (
-    classify,
-    count_detections,
-    cut_by_labels,
-    cut_by_rank,
-    expected_sizes,
-    experience_of,
-    fractions,
-    labels_used,
-    levels_by,
-    levels_of,
-    levels_since,
-    trained_cells,
-    warn_of_clocks,
-    warn_of_odd,
+from meal_bayes.learner.experience import (
+    FROM_DATASET,
+    FROM_TRIAL,
+    NONE,
+    Context,
+    Experience,
+    Labels,
+    record_step,
 )
-from meal_bayes.learner.recording import RecordingPerceiver
+from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, told_of
 from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.look import listed, warn_user
 from meal_bayes.momdp import MOMDP
-from meal_bayes.perception import Perceiver, Perception
+from meal_bayes.perception import (
+    Perceiver,
+    Perception,
+    PerceptionSettings,
+    fit_and_validate,
+    fit_spaces,
+    with_classifier,
+)
+from meal_bayes.perception.scores import (
+    cut_scores,
+    edges_by_rank,
+    first_levels,
+    object_means,
+    scored_levels,
+)
 from meal_bayes.planners import POMCP, MemoizedPolicy, Policy
 from meal_bayes.planners.search.policy import POMCPPolicy
 from meal_bayes.seeds import Key
-from meal_bayes.trials import Task
+from meal_bayes.trials import Step, Task
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
 
@@ -238,17 +248,36 @@ class Online:
         self.levels.values[moved] = levels_by(self.record, self.edges)[first][moved]
 
     def _perceive_new(self) -> None:
-        """Perceive the instances since the last time."""
-        levels = levels_since(
-            self.record,
-            self.perception,
-            self.sizes,
-            self.agent.levels,
-            levels_by(self.record, self.edges),
-            first=len(self.levels),
-        )
-        self.levels.extend(levels)
-        self.counted_labels.extend(np.full_like(levels, -1))
+        """Perceive the instances since the last time.
+
+        What has neither features nor scores is perceived as it was in its trial.
+        """
+        record = self.record
+        n_levels = self.agent.levels
+        first = len(self.levels)
+        detections = views.percepts_given(record, n_levels, levels_by(record, self.edges))
+        levels = detections.copy()
+        executed = {*record.instances.values["behavior"][first:].tolist()}
+        for e in record.domain.recorded:
+            if e not in executed:
+                continue
+            name = record.domain.behavior_names[e]
+            rows = views.sensed(record, self.sizes, name)
+            rows = rows[rows >= first]
+            # Log-odds of 0, even odds, where no classifier knows the behavior yet.
+            log_odds = np.zeros((len(rows), levels.shape[1]))
+            classifier = self.perception.classifiers.get(name)
+            if classifier is not None and len(rows):
+                features = {
+                    modality: np.stack([record.features[name, modality][i] for i in rows.tolist()])
+                    for modality in classifier.spaces
+                }
+                log_odds = classifier.log_odds(features)
+            percepts = classifier_levels(log_odds, n_levels)
+            given = (detections[rows] >= 0) | ~np.isnan(record.scores.values[rows])
+            levels[rows] = np.where(given, detections[rows], percepts)
+        self.levels.extend(levels[first:])
+        self.counted_labels.extend(np.full_like(levels[first:], -1))
 
     def _counts(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
         """Count the percepts of instances (k,) as they are labeled, (P,E,2,K)."""
@@ -275,10 +304,32 @@ class Online:
         return np.asarray(is_trained | used[np.minimum(rows, len(self.labels_at_refit))])
 
     def perceive(self, instance: Instance) -> Labels:
-        """Return the percept levels (P,) of what was sensed; -1 unknown."""
-        return levels_of(
-            self.record, self.perception, self.sizes, self.agent.levels, instance, self.edges
-        )
+        """Return the percept levels (P,) of what was sensed; -1 unknown.
+
+        What a detector says holds; features of another size than learned from show nothing.
+        """
+        domain = self.record.domain
+        n_levels = self.agent.levels
+        levels = self.record.no_labels
+        expected = self.expected_sizes
+        fitted = {
+            modality: values
+            for modality, values in (instance.features or {}).items()
+            if len(values) == expected.get((instance.behavior, modality), len(values))
+        }
+        if fitted:
+            of_all = Query(self.perception.domain.attributes)  # others may have been added since
+            log_odds = self.perception.log_odds(replace(instance, features=fitted), of_all)
+            levels[: len(log_odds)] = classifier_levels(log_odds, n_levels)
+        detected = detected_levels(instance.percepts, domain, n_levels)
+        scores = scores_of(instance.scores, domain)
+        known = len(self.edges)  # attributes may have been added since, of which nothing is cut
+        scored = self.record.no_labels
+        of_behavior = self.edges[:, domain.behavior_index(instance.behavior)]
+        scored[:known] = scored_levels(scores[:known], of_behavior)
+        scored = np.where(scored >= 0, scored, first_levels(scores, n_levels))
+        levels = np.where(scored >= 0, scored, levels)
+        return np.where(detected >= 0, detected, levels).astype(np.int8)
 
     @property
     def teaches(self) -> bool:
@@ -288,7 +339,9 @@ class Online:
     @property
     def expected_sizes(self) -> dict[Context, int]:
         """Number of features of each context of which there are classifiers."""
-        return expected_sizes(self.record, self.perception, self.sizes)
+        known = self.perception.classifiers
+        by_context = zip(self.record.domain.contexts, self.sizes.tolist(), strict=True)
+        return {context: n for context, n in by_context if context[0] in known}
 
     @property
     def limit(self) -> NDArray[np.float64]:
@@ -409,3 +462,271 @@ class Online:
             usual = add_bonus(exploration, usual, self.progress(task))
             self.plan_libraries[key] = cast(POMCPPolicy, solve(self, task, streams, usual))
         return momdp, self.plan_libraries[key].sharing_plans(momdp)
+
+
+class RecordingPerceiver:
+    """A perceiver that records the executions of a trial, with all that was perceived."""
+
+    def __init__(
+        self,
+        fit: Online,
+        task: Task,
+        momdp: MOMDP,
+        lock: AbstractContextManager[Any],
+        on_step: OnStep,
+    ) -> None:
+        self._fit = fit
+        self._task = task
+        self._momdp = momdp
+        self._lock = lock
+        self._on_step = on_step
+        self._last: tuple[Instance, NDArray[np.int8]] | None = None
+        number = fit.record.trials.get(task.key, -1)
+        recorded = fit.record.executions.values["trial"] == number
+        self._n_recorded = int(recorded.sum())  # steps, before a restart
+
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
+        """Return percept levels of the queried attributes, (N,), -1 where nothing came of one."""
+        fit = self._fit
+        domain = fit.record.domain
+        spec = domain.behaviors[domain.behavior_index(instance.behavior)]
+        if spec.answer_accuracy is None:
+            levels = fit.perceive(instance)
+        else:
+            known = Query(fit.perception.domain.attributes)
+            levels = fit.perception.observe(instance, known, rng)
+        self._last = instance, levels
+        if fit.settings.drawn is not None:  # of the learned tables, not those that came
+            return fit.perceiver.observe(instance, query, rng)
+        return np.asarray(levels[domain.columns(query.attributes)], np.int8)
+
+    def record(self, step: Step) -> None:
+        """Record an executed step; what was recorded before a restart is not recorded again."""
+        last = self._last
+        self._last = None
+        if last is None and step.sensed is not None:  # before a restart, by the same classifiers
+            last = step.sensed, self._fit.perceive(step.sensed)
+        if self._n_recorded:
+            self._n_recorded -= 1
+        else:
+            with self._lock:
+                record_step(self._fit.record, self._task, self._momdp, step, last)
+        if self._on_step is not None:
+            self._on_step(step)
+
+
+# What a refit makes of the record, step by step.
+
+
+def classify(
+    record: Experience,
+    agent: Agent,
+    settings: LearnerSettings,
+    labels: Labels,
+    sizes: views.Sizes,
+) -> tuple[Dataset, NDArray[np.intp], Perception, NDArray[np.int64]]:
+    """Fit classifiers to instances with labels (n,P) and features of most sizes, and validate them.
+
+    What a detector of the robot's own gave is learned from as it is, by no classifier.
+
+    Returns
+    -------
+    data : Dataset
+        Of the objects that were met, see `views.in_order`.
+    rows : NDArray[np.intp]
+        (k,) instances of D.
+    perception : Perception
+        The classifiers.
+    counts : NDArray[np.int64]
+        (O,P,E,2,K) percepts by classifiers that never saw the object.
+    """
+    bare = views.percepts_given(record, agent.levels, record.no_labels) >= 0
+    detected = (bare | views.detected(record))[: len(labels)]
+    learned = np.where(detected, -1, labels).astype(np.int8)
+    data, rows, recorded = views.training(record, learned, sizes)
+    training = _selected(recorded, np.asarray((recorded.labels >= 0).any(axis=1)))
+    perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
+    # Scaling comes from all instances; the labels have no part in it.
+    spaces = None
+    if settings.classifier is not None:
+        perceives = with_classifier(settings.classifier, levels=agent.levels)
+    elif agent.whiten:
+        spaces = fit_spaces(data, recorded, whiten=True)
+    else:  # the spaces of what it was given hold for good
+        from_dataset = record.instances.values["origin"][rows] == FROM_DATASET
+        not_in_dataset = ~np.isin(recorded.behavior, recorded.behavior[from_dataset])
+        spaces = fit_spaces(data, _selected(recorded, from_dataset | not_in_dataset))
+    perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
+    return data, rows, perception, counts
+
+
+def count_detections(
+    record: Experience,
+    counts: NDArray[np.int64],
+    objects: Sequence[str],
+    labels: Labels,
+    detections: Labels,
+) -> None:
+    """Add what a detector said of instances with labels (n,P) to counts (O,P,E,2,K) of objects.
+
+    It counts as it is, beside what classifiers of other objects said.
+    """
+    rows = {name: row for row, name in enumerate(objects)}
+    row_of = np.array([rows.get(name, NONE) for name in record.objects], np.intp)
+    instances = record.instances.values
+    i, p = np.nonzero((detections >= 0) & (labels >= 0))
+    cells = (row_of[instances["object"][i]], p, instances["behavior"][i])
+    np.add.at(counts, (*cells, labels[i, p], detections[i, p]), 1)
+
+
+def cut_by_labels(record: Experience, labels: Labels, n_levels: int) -> NDArray[np.float64]:
+    """Return edges (P,E,K-1) between the levels of scores, by labels (n,P) of their instances.
+
+    A warning names scores that are lower where the truth is yes, once.
+    """
+    instances = record.instances.values
+    edges, falling = cut_scores(
+        record.scores.values,
+        labels,
+        instances["behavior"],
+        instances["object"],
+        behaviors=len(record.domain.behaviors),
+        levels=n_levels,
+    )
+    for p, e in np.argwhere(falling).tolist():
+        behavior, attribute = record.domain.behavior_names[e], record.domain.attributes[p]
+        case = f"reversed scores {behavior} {attribute}"
+        if case not in record.warned_of:
+            record.warned_of.add(case)
+            warn_user(
+                f"The scores of {attribute!r} by {behavior} are lower where it is true; a score "
+                "has to be higher there: give its negative."
+            )
+    return edges
+
+
+def cut_by_rank(
+    record: Experience, edges: NDArray[np.float64], pairs: NDArray[np.bool_], n_levels: int
+) -> NDArray[np.float64]:
+    """Return edges (P,E,K-1) of which those of pairs (P,E) are cut anew, by rank."""
+    edges = edges.copy()
+    instances = record.instances.values
+    scores = record.scores.values
+    pairs = pairs & views.given_pairs(record)
+    for e in np.flatnonzero(pairs.any(axis=0)).tolist():
+        rows = instances["behavior"] == e
+        if not np.isnan(scores[rows]).all():
+            means = object_means(scores[rows], instances["object"][rows])
+            edges[pairs[:, e], e] = edges_by_rank(means, n_levels)
+    return edges
+
+
+def levels_by(record: Experience, edges: NDArray[np.float64]) -> Labels:
+    """Return the levels (n,P) of the scores of all instances by edges (P,E,K-1); -1 none."""
+    of_instances = edges.swapaxes(0, 1)[record.instances.values["behavior"]]
+    return scored_levels(record.scores.values, of_instances)
+
+
+def labels_used(
+    record: Experience,
+    settings: LearnerSettings,
+    labels: Labels,
+    detections: Labels,
+    rows: NDArray[np.intp],
+) -> Labels:
+    """Return the labels (n,P) of instances that enter the posterior by a refit; -1 none.
+
+    They are those of D (rows (k,)), and of what a detector said. A label enters once: the others
+    enter later, by `Online.update`. A posterior of one's own holds what was given alone.
+    """
+    used = np.where(detections >= 0, labels, -1)
+    used[rows] = labels[rows]
+    if settings.posterior is not None:
+        used[record.instances.values["origin"] != FROM_DATASET] = -1
+    return used.astype(np.int8)
+
+
+def trained_cells(
+    record: Experience,
+    settings: LearnerSettings,
+    labels: Labels,
+    detections: Labels,
+    rows: NDArray[np.intp],
+) -> NDArray[np.bool_]:
+    """Return of which objects, behaviors and attributes (O,E,P) classifiers have seen a label.
+
+    What they say of these is no evidence. A posterior of one's own may come from all that was
+    given, and so counts as if they had seen that.
+    """
+    instances = record.instances.values
+    taught = np.zeros(labels.shape, np.bool_)
+    taught[rows] = (detections[rows] < 0) & (labels[rows] >= 0)
+    if settings.posterior is not None:
+        taught[:] = (instances["origin"] == FROM_DATASET)[:, None]
+    shape = (len(record.objects), len(record.domain.behaviors), labels.shape[1])
+    trained = np.zeros(shape, np.bool_)
+    np.logical_or.at(trained, (instances["object"], instances["behavior"]), taught)
+    return trained
+
+
+def experience_of(
+    record: Experience, agent: Agent, settings: LearnerSettings, apart: views.Rows = views.NO_ROWS
+) -> tuple[NDArray[np.int64], float]:
+    """Count labeled instances and objects, (2,P,E), and those that make one unit of Eq. 10.
+
+    Instances `apart` (k,) do not count.
+    """
+    labeled = views.labeled(record, memory=agent.memory, apart=apart)
+    counted = views.labeled(record, memory=agent.memory, given=settings.count_given, apart=apart)
+    met = record.met_without(apart)
+    unit = settings.unit or max(1.0, float(counted.max(initial=0)) * len(met))
+    return np.stack([counted.sum(axis=0).T, (labeled > 0).sum(axis=0).T]), unit
+
+
+def fractions(
+    record: Experience, perception: Perception, counts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return the fractions (...,P,E,2,2) of no and yes among an object's percepts (...,P,E,2,K).
+
+    Zeros where there are none; half of each where the classifier cannot tell yet.
+    """
+    sides = no_and_yes_of(counts)
+    total = sides.sum(axis=-1, keepdims=True)
+    silent = np.ones(counts.shape[-4:-2], np.bool_)  # (P,E)
+    for name, classifier in perception.classifiers.items():
+        silent[:, perception.domain.behavior_index(name)] = ~classifier.used
+    i, p = np.nonzero(views.detected(record))
+    silent[p, record.instances.values["behavior"][i]] = False
+    # No and yes alike, so that what tells nothing adds to neither rate.
+    even = silent[..., None, None] & (total > 0)
+    return np.asarray(np.where(even, 0.5, sides / np.maximum(total, 1)))
+
+
+def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
+    """Name recordings of another size than most, once."""
+    odd = [text for text in views.odd_recordings(record, sizes) if text not in record.warned_of]
+    if odd:
+        record.warned_of.update(odd)
+        warn_user(f"Left out of what is learned: {listed(odd, 5)}.")
+
+
+def warn_of_clocks(record: Experience, sizes: views.Sizes) -> None:
+    """Name features that a robot sensed and that only grow with its trials, once a modality.
+
+    Those of recordings were looked at when these were read.
+    """
+    rows = record.instances.values
+    for (behavior, modality), size in zip(record.domain.contexts, sizes.tolist(), strict=True):
+        what = f"The robot's {modality} of {behavior}"
+        features = record.features[behavior, modality]
+        sensed = [
+            i for i, v in features.items() if rows["origin"][i] == FROM_TRIAL and len(v) == size
+        ]
+        if sensed and what not in record.warned_of:
+            values = np.stack([features[i] for i in sensed])
+            if warn_of_order(what, values, rows["object"][sensed]):
+                record.warned_of.add(what)
+
+
+def _selected(training: TrainingSet, rows: NDArray[np.bool_]) -> TrainingSet:
+    return TrainingSet(*(column[rows] for column in astuple(training)))

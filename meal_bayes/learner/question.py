@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, LearningBonus
 from meal_bayes.arrays import check_whole, check_yes_no, plain, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import TERMINAL, Domain, Query, read_question
+from meal_bayes.domain import TERMINAL, Domain, Query, read_question, unknown
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.learner.experience import Objects, unnamed
+from meal_bayes.learner.experience import Experience, Objects, unnamed
 from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Robot
 from meal_bayes.robots.robot import state_index
@@ -183,6 +183,41 @@ def start_again(start: str, left: str | None) -> str:
             f"state={start!r} once it was brought there; ask() with a robot asks its start()."
         )
     return start
+
+
+def check_domain(domain: Domain, trial: Trial) -> None:
+    """Refuse a trial of other behaviors than a domain's, or about attributes that it lacks."""
+    for name in trial.task.query.attributes:
+        if name not in domain.attributes:
+            says = unknown("attribute", name, domain.attributes)
+            raise SettingsError(
+                f"The trial {trial.task.name!r} is of another domain. {says} Load the domain of "
+                "that trial, or add the attribute (add_attribute)."
+            )
+    theirs = trial.momdp.behavior_names
+    ours = domain.behavior_names
+    if theirs != ours:
+        raise SettingsError(
+            f"The trial {trial.task.name!r} has the behaviors {', '.join(theirs)}; this learner's "
+            f"domain has {', '.join(ours)}. Load the domain of that trial."
+        )
+
+
+def check_resumed(trial: Trial, record: Experience, agent: Agent) -> None:
+    """Refuse a trial that cannot go on with a domain and an agent: its steps mean other things."""
+    check_domain(record.domain, trial)
+    end = "Load the learner that began it, or end it by give_up()."
+    states = trial.momdp.x_names
+    if tuple(states) != tuple(record.domain.diagram.states):
+        raise LogError(
+            f"The trial {trial.task.name!r} has the states {', '.join(states)}; this learner's "
+            f"domain has {', '.join(record.domain.diagram.states)}. {end}"
+        )
+    if trial.momdp.levels != agent.levels:
+        raise LogError(
+            f"The trial {trial.task.name!r} has percepts of {trial.momdp.levels} levels, those of "
+            f"this learner's agent have {agent.levels}. {end}"
+        )
 
 
 def is_idle(trial: Trial, agent: Agent) -> bool:

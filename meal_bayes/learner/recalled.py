@@ -13,7 +13,7 @@ from meal_bayes.files import lasting_path
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.recording import check_domain
+from meal_bayes.learner.question import check_domain
 from meal_bayes.learner.told import tell_again
 from meal_bayes.look import listed
 from meal_bayes.seeds import Key

@@ -39,8 +39,7 @@ from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsEr
 from meal_bayes.files import LEARNER, alone_in, draft_of
 from meal_bayes.learner.experience import NONE, WITHDRAWN, Context, Experience
 from meal_bayes.learner.fit import training_agent
-from meal_bayes.learner.online import Online, chances
-from meal_bayes.learner.perceived import classify
+from meal_bayes.learner.online import Online, chances, classify
 from meal_bayes.learner.question import QuestionCounts
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.perception import Perception

@@ -229,7 +229,7 @@ def came_to_nothing(momdp: MOMDP, step: Step) -> bool:
 
     So people are shown it, whatever the reason; when it is not counted on any more is told by
     `trials.faults.nothing_came`, and what is learned of its success by
-    `learner.recording.record_step`.
+    `learner.experience.record_step`.
     """
     senses = bool(momdp.observation_probability[step.decision.action].max() > 0)
     return step.observation is None and (senses or step.x == step.next_x)

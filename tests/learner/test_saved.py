@@ -84,7 +84,7 @@ def test_nothing_is_fitted_again(saved, agent, monkeypatch):
     def fit(*arguments, **options):
         raise AssertionError("fitted again")
 
-    monkeypatch.setattr("meal_bayes.learner.perceived.fit_and_validate", fit)
+    monkeypatch.setattr("meal_bayes.learner.online.fit_and_validate", fit)
     again = Learner.load(saved, agent=agent, logs=None)
     assert again.knowledge().posterior.counts.sum() > 0
 
