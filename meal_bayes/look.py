@@ -220,6 +220,11 @@ GRAY = "#999999"
 LINE_GRAY = "#7A7A7A"  # of axes through zero and of intervals beside those that are judged
 INK = "#444444"
 BLACK = "#000000"
+WHITE = "#ffffff"
+# Of the viewer, to be seen on dark and on light grounds: boxes, and what stands behind them; texts.
+MID_GRAY = "#808080"
+DIM_GRAY = "#606060"
+TEXT_GRAY = "#969696"
 ATTRIBUTES = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, VIOLET, "#B7A500")
 LEVELS = ("#5E3C99", "#B2ABD2", "#FDB863", "#E66101")  # from the surest "no" to the surest "yes"
 READABLE = 4.5  # contrast of text with its ground, at least
@@ -355,7 +360,7 @@ def readable(color: str, *, dark: bool = False) -> str:
             mixed = "#" + "".join(f"{round(c * (1 - part / 100)):02x}" for c in channels)
         if contrast(mixed, ground) >= READABLE:
             return mixed
-    return "#ffffff" if dark else BLACK
+    return WHITE if dark else BLACK
 
 
 def level_color(level: int, levels: int) -> str:
@@ -365,6 +370,16 @@ def level_color(level: int, levels: int) -> str:
     ('#5E3C99', '#E66101')
     """
     return LEVELS[round(level * (len(LEVELS) - 1) / max(levels - 1, 1))]
+
+
+def rgba(color: str) -> tuple[int, int, int, int]:
+    """Return a color as red, green, blue and opacity, from 0 to 255, as rerun takes it.
+
+    >>> rgba("#0072B2")
+    (0, 114, 178, 255)
+    """
+    red, green, blue = (int(color[start : start + 2], 16) for start in (1, 3, 5))
+    return red, green, blue, 255
 
 
 # Figures

@@ -12,14 +12,24 @@ from scipy.sparse.csgraph import shortest_path
 
 from meal_bayes.canvas import colormaps
 from meal_bayes.domain.words import denied
-from meal_bayes.look import AMOUNT, best_options, level_names
+from meal_bayes.look import (
+    AMOUNT,
+    DIM_GRAY,
+    GREEN,
+    MID_GRAY,
+    ORANGE,
+    SKY,
+    TEXT_GRAY,
+    WHITE,
+    best_options,
+    level_names,
+)
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels
 from meal_bayes.trials.picture import text_width
 from meal_bayes.trials.text import end_word
 from meal_bayes.viewer.labels import action_label, option_label, plain_text
-from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color
 from meal_bayes.viewer.recorder import TrialFrame
 
 _ACTIONS = 4  # of the tree that are drawn
@@ -48,7 +58,7 @@ class Label(NamedTuple):
     """A text at a point, pixels of a picture or units of a graph; there in a box with a name."""
 
     label: str
-    color: Color
+    color: str
     x: float = 0.0
     y: float = 0.0
     name: str = ""
@@ -103,13 +113,13 @@ class Diagram:
         boxes = list[Label]()  # at the places of columns
         self._edges = list[tuple[str, str]]()
         for x in range(momdp.terminal):
-            boxes.append(Label(momdp.state_label(x), GRAY, 2 * column[x], name=f"x{x}"))
+            boxes.append(Label(momdp.state_label(x), MID_GRAY, 2 * column[x], name=f"x{x}"))
         for (source, target), names in labels.items():
             box = f"{source}-{target}"
             position = column[source] + column[target]
-            boxes.append(Label("\n".join(names), DIM, position, name=box))
+            boxes.append(Label("\n".join(names), DIM_GRAY, position, name=box))
             self._edges += [(f"x{source}", box), (box, f"x{target}")]
-        boxes.append(Label("end: abstained", GRAY, 2 * max(column), name=f"x{momdp.terminal}"))
+        boxes.append(Label("end: abstained", MID_GRAY, 2 * max(column), name=f"x{momdp.terminal}"))
         self._nodes = _stacked(boxes)
 
     def at(self, frame: TrialFrame) -> Graph:
@@ -135,12 +145,12 @@ def search_tree(frame: TrialFrame) -> Graph:
     step = frame.step
     momdp = frame.trial.momdp
     if step is None:
-        return Graph([Label("nothing is decided yet", GRAY, name="root")], [])
+        return Graph([Label("nothing is decided yet", MID_GRAY, name="root")], [])
     decision = step.decision
     chosen = min(decision.action, momdp.n_behaviors)
     actions = best_options(decision.total, chosen, _ACTIONS)
     if not actions:
-        return Graph([Label("no search: a fixed rule", GRAY, name="root")], [])
+        return Graph([Label("no search: a fixed rule", MID_GRAY, name="root")], [])
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
     return _laid_out(
         f"{momdp.state_label(step.x)}\n{count}",
@@ -204,14 +214,14 @@ def _laid_out(root: str, labels: dict[int, str], lines: dict[int, list[str]], ch
         top = y + (height - len(lines_of_action) * row) / 2
         for number, text in enumerate(lines_of_action):
             x = right + box_size(text)[0] / 2
-            nodes.append(Label(text, GRAY, x, top + (number + 0.5) * row, f"{name}-{number}"))
+            nodes.append(Label(text, MID_GRAY, x, top + (number + 0.5) * row, f"{name}-{number}"))
             edges.append((name, f"{name}-{number}"))
         x = left + box_size(label)[0] / 2
         color = ORANGE if action == chosen else SKY
         nodes.append(Label(label, color, x, y + height / 2, name))
         edges.append(("root", name))
         y += height
-    nodes.append(Label(root, GRAY, box_size(root)[0] / 2, y / 2, "root"))
+    nodes.append(Label(root, MID_GRAY, box_size(root)[0] / 2, y / 2, "root"))
     return Graph(nodes, edges)
 
 
@@ -275,7 +285,7 @@ def matrices(
     wide = min(max(wide, 1), _WIDEST_CELL)
     high = min(max((MATRICES.bottom - _FOOT) // (2 * n), 1), _HIGHEST_CELL)
     names = [  # behind the picture's left edge
-        Label(_shortened(plain_text(said), -MATRICES.left), TEXT, y=(2 * i + t + 0.5) * high)
+        Label(_shortened(plain_text(said), -MATRICES.left), TEXT_GRAY, y=(2 * i + t + 0.5) * high)
         for i, name in enumerate(momdp.query.attributes[:n])
         for t, said in enumerate((denied(name), name))
     ]
@@ -288,7 +298,7 @@ def matrices(
         left += parts[-1].shape[1]
     title = f"{plain_text(momdp.behavior_names[action])}: Pr(percept given truth)"
     title = _shortened(title, MATRICES.right)
-    labels.append(Label(title, TEXT, _units(title) / 2, MATRICES.top))
+    labels.append(Label(title, TEXT_GRAY, _units(title) / 2, MATRICES.top))
     return Picture(np.concatenate(parts, axis=1), labels)
 
 
@@ -317,7 +327,7 @@ def _block_labels(block: _Block, left: int, wide: int, high: int) -> list[Label]
     n, _, k = block.numbers.shape
     width = k * wide
     title = _shortened(block.title, width)
-    labels = [Label(title, TEXT, left + width / 2, MATRICES.top + _TITLE)]
+    labels = [Label(title, TEXT_GRAY, left + width / 2, MATRICES.top + _TITLE)]
     for (row, z), value in np.ndenumerate(block.numbers.reshape(2 * n, k)):
         text = "-" if np.isnan(value) else f"{value:.2f}"
         if _units(text) > wide:
@@ -329,7 +339,7 @@ def _block_labels(block: _Block, left: int, wide: int, high: int) -> list[Label]
     rows = 1 if max(map(_units, names)) <= wide else 2
     for z, name in enumerate(names):
         y = 2 * n * high + _TITLE * (z % rows)
-        labels.append(Label(name, TEXT, left + (z + 0.5) * wide, y))
+        labels.append(Label(name, TEXT_GRAY, left + (z + 0.5) * wide, y))
     return labels
 
 

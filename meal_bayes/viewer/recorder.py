@@ -11,9 +11,9 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from meal_bayes.look import rgba
 from meal_bayes.momdp import Belief
 from meal_bayes.trials import Step, Trial
-from meal_bayes.viewer.palette import Color
 
 # Fields whose values rerun accepts faster as arrays.
 _TYPES: dict[str, Any] = {
@@ -112,9 +112,9 @@ class Recorder:
         """Send what holds at all times, such as names, colors or formats."""
         self.stream.log(entity, archetype, static=True, strict=True)
 
-    def add_line(self, entity: str, name: str, color: Color) -> None:
+    def add_line(self, entity: str, name: str, color: str) -> None:
         """Send the style of a line plot."""
-        self.add_static(entity, rr.SeriesLines(names=name, colors=color, widths=2))
+        self.add_static(entity, rr.SeriesLines(names=name, colors=rgba(color), widths=2))
 
     def flush(self) -> None:
         """Send the collected rows."""

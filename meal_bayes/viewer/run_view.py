@@ -12,11 +12,18 @@ from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.evaluation.logged import worst_first
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered, running_means
 from meal_bayes.evaluation.summary import estimate_mean
-from meal_bayes.look import AMOUNT, FRACTION, estimate_text
+from meal_bayes.look import (
+    AMOUNT,
+    BLACK,
+    FRACTION,
+    MID_GRAY,
+    agent_style,
+    estimate_text,
+    rgba,
+)
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
-from meal_bayes.viewer.palette import agent_color
 from meal_bayes.viewer.recorder import Recorder, Time
 
 FACTS = "/run/facts"
@@ -72,7 +79,10 @@ class RunView:
         entity = rr.escape_entity_path_part(name or "agent")
         if name not in self._agents:
             self._agents.add(name)
-            style = rr.Measurements.from_fields(names=label, colors=agent_color(name), widths=2)
+            # The color that the agent has in every figure; black would not be seen on dark.
+            color = agent_style(name).color
+            seen = rgba(MID_GRAY if color == BLACK else color)
+            style = rr.Measurements.from_fields(names=label, colors=seen, widths=2)
             for plot in (ACCURACY, COST):
                 self._to.add_static(f"{plot}/{entity}", style)
         success = (outcomes.success == 1).astype(float)

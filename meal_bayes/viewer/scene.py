@@ -8,6 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from meal_bayes.look import (
+    DIM_GRAY,
+    MID_GRAY,
+    ORANGE,
+    SKY,
+    VERMILION,
+    attribute_color,
+    level_color,
+    rgba,
+)
 from meal_bayes.robots.robot import Frame
 from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.trials.text import YES
@@ -20,16 +30,6 @@ from meal_bayes.viewer.drawings import (
     search_tree,
 )
 from meal_bayes.viewer.labels import explain_decision, narrate, plain_text
-from meal_bayes.viewer.palette import (
-    DIM,
-    GRAY,
-    ORANGE,
-    RED,
-    SKY,
-    Color,
-    attribute_color,
-    level_color,
-)
 from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame
 
 NARRATION = "/narration"
@@ -64,7 +64,7 @@ class Scene:
         self._diagram: Diagram | None = None  # of the trial under way
         self._matrices: dict[int, Picture] = {}  # by behavior, without samples
         self.attributes: list[str] = []  # that were queried
-        self._lanes: dict[str, dict[str, Color]] = {}
+        self._lanes: dict[str, dict[str, str]] = {}
         self._explores = False  # has any decision been paid for exploring?
         for entity in (NARRATION, DECISION):
             recorder.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
@@ -75,14 +75,14 @@ class Scene:
         recorder.add_static(f"{CONFUSION}/labels", points)
         worth = rr.Measurements.from_fields(
             names="going on",
-            colors=SKY,
+            colors=rgba(SKY),
             widths=3,
             interpolation_mode="StepAfter",
         )
         recorder.add_static(f"{VALUES}/worth", worth)
-        recorder.add_line(f"{VALUES}/zero", "answering now", GRAY)
+        recorder.add_line(f"{VALUES}/zero", "answering now", MID_GRAY)
         recorder.add_line(ENTROPY, LINES[ENTROPY], ORANGE)
-        recorder.add_line(COST, LINES[COST], RED)
+        recorder.add_line(COST, LINES[COST], VERMILION)
 
     def add(self, frame: TrialFrame) -> None:
         """Add one frame."""
@@ -149,7 +149,8 @@ class Scene:
 
     def _labels(self, entity: str, archetype: type, labels: Sequence[Label], time: Time) -> None:
         texts, colors, x, y, names = map(list, zip(*labels, strict=True))
-        fields = {"positions": list(zip(x, y, strict=True)), "labels": texts, "colors": colors}
+        fields = {"positions": list(zip(x, y, strict=True)), "labels": texts}
+        fields["colors"] = list(map(rgba, colors))
         if archetype is rr.GraphNodes:
             fields["node_ids"] = names
         self._to.add(entity, archetype, time, **fields)
@@ -180,13 +181,13 @@ class Scene:
         momdp = frame.trial.momdp
         x = frame.belief.x
         state = "end" if x == momdp.terminal else momdp.state_label(x)  # as in the diagram
-        self._lane("state", time, state, (DIM, GRAY)[x % 2])
+        self._lane("state", time, state, (DIM_GRAY, MID_GRAY)[x % 2])
         if step is None:
             return
         action = step.decision.action
         percept = step.observation
         label = plain_text(trial.momdp.action_label(action))
-        self._lane("action", time, label, (GRAY, DIM)[frame.number % 2])
+        self._lane("action", time, label, (MID_GRAY, DIM_GRAY)[frame.number % 2])
         names = [] if percept is None else percept_labels(momdp, action, percept)
         for i, lane in enumerate(self._percept_lanes(trial)):
             if percept is None:
@@ -197,13 +198,13 @@ class Scene:
                 level = max(int(percept[index]) for index in indices)
                 self._lane(lane, time, text, level_color(level, momdp.levels))
 
-    def _lane(self, lane: str, time: Time, state: str = "", color: Color = GRAY) -> None:
+    def _lane(self, lane: str, time: Time, state: str = "", color: str = MID_GRAY) -> None:
         """Begin a state of a lane; without one, end the last."""
         entity = f"{LANES}/{rr.escape_entity_path_part(lane)}"
         states = self._lanes.setdefault(lane, {})
         if state and state not in states:
             states[state] = color
-            colors = np.array(list(states.values()), np.uint8)
+            colors = np.array(list(map(rgba, states.values())), np.uint8)
             style = rr.StateConfiguration(values=list(states), colors=colors)
             self._to.add_static(entity, style)
         self._to.add(entity, rr.StateChange, time, state=[state])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Query, load_domain
+from meal_bayes.look import GREEN, ORANGE
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trials.picture import text_width
 from meal_bayes.viewer.drawings import MATRICES, UNIT, Diagram, box_size, matrices, search_tree
-from meal_bayes.viewer.palette import GREEN, ORANGE
 from meal_bayes.viewer.recorder import Clock
 
 
