@@ -25,6 +25,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
+from importlib import resources
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -34,14 +35,16 @@ from click.testing import CliRunner
 from hypothesis import Phase, given, seed, settings
 from hypothesis import strategies as st
 from measuring import options_of, peak_mb, show
-from sound_files import FILES, TRIALS, make_sound
 
 from meal_bayes.cli import main as program
-from meal_bayes.datasets import load_percepts
-from meal_bayes.datasets.csv_files import load_csv_folder
+from meal_bayes.datasets import load_percepts, make_synthetic
+from meal_bayes.datasets.csv_files import load_csv_folder, save_csv_folder
+from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import MealBayesError
+from meal_bayes.experiments import offline_tasks
+from meal_bayes.learner import Learner
 from meal_bayes.trial_log import (
     Logs,
     check_log,
@@ -49,7 +52,52 @@ from meal_bayes.trial_log import (
     read_outcomes,
     read_trials,
     salvage,
+    write_trials,
 )
+from meal_bayes.trials import TrialOutcomes
+
+FILES = {  # kind: the file that is damaged
+    "log": "run.mcap",
+    "outcomes": "outcomes.mcap",
+    "table": "own.npz",
+    "csv": "look_color.csv",
+    "labels": "labels.csv",
+    "toml": "own.toml",
+}
+OBJECTS = 6
+RECORDINGS = 3
+TRIALS = 6
+
+
+def make_sound(folder: Path) -> None:
+    """Write one sound file of every kind."""
+    shipped = resources.files("meal_bayes") / "domain/tables/toy.toml"
+    text = shipped.read_text(encoding="utf-8").replace('name = "toy"', 'name = "own"')
+    (folder / FILES["toml"]).write_text(text, encoding="utf-8")
+    domain = load_domain(folder / FILES["toml"])
+    rng = np.random.default_rng(5)
+    dataset = make_synthetic(domain, objects=OBJECTS, recordings=RECORDINGS, rng=rng)
+    save_csv_folder(dataset, folder)
+    shape = (OBJECTS, RECORDINGS, len(domain.behaviors), len(domain.attributes))
+    bins = np.zeros((OBJECTS, OBJECTS, shape[3], shape[2], len(BIN_EDGES) + 1), np.uint8)
+    odds = rng.normal(0, 2, shape)
+    percepts = PerceptTable(
+        domain,
+        dataset.objects,
+        dataset.labels,
+        log_odds=odds,
+        edges=BIN_EDGES,
+        training_bins=bins,
+        provenance={},
+    )
+    save_percepts(percepts, folder / FILES["table"])
+    learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+    tasks = offline_tasks(load_percepts("roc36"), 2, TRIALS, 0)
+    trials = [learner.ask(task) for task in tasks]
+    header = {"config": {"dataset": "roc36"}}
+    write_trials(folder / FILES["log"], trials, header=header)
+    write_trials(folder / FILES["outcomes"], [TrialOutcomes.of(trials)], header=header)
+
 
 COMMANDS = {
     "log": (("log", "check"), ("log", "info", "--json"), ("log", "show"),

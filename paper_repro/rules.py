@@ -25,7 +25,6 @@ RULES = """## Run it
     meal-bayes reproduce all --quick    # everything on a few trials
     meal-bayes reproduce table3 --as-published
     meal-bayes reproduce readme         # these pages and ERRATA.md from results/
-    python benchmarks/repeat.py         # items that take seconds, compared with results/
 
 ## Read the code
 

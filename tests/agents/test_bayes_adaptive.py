@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bayes_adaptive import (
+    Problem,
     earned,
     executes,
     learning,
@@ -10,7 +11,6 @@ from bayes_adaptive import (
     optimum,
     trial_value,
 )
-from learning_problems import Problem
 
 GAINFUL = (
     Problem("two cheap", 5, (2.0, 2.0)),

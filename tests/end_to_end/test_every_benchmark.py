@@ -18,6 +18,7 @@ import pytest
 from meal_bayes import build_percept_table
 from meal_bayes.datasets import make_synthetic
 from meal_bayes.domain import load_domain
+from meal_bayes.experiments import offline_tasks
 from meal_bayes.posterior.draws import Sampling
 from meal_bayes.seeds import stream
 
@@ -59,7 +60,11 @@ def small_table():
 
 def small_group():
     """Make a table with a group, in place of ROC36's."""
-    return import_module("groups").synthetic(2, 12)
+    return import_module("questions").synthetic(2, 12)
+
+
+def few_tasks(table):
+    return offline_tasks(table, 2, 4, 0)
 
 
 def few_draws(*numbers, **how):
@@ -72,7 +77,7 @@ def few_recordings():
 
 DATA = {"load_dataset": lambda name, root=None: small_data()}
 TABLE = {"load_percepts": lambda name: small_table()}
-REFITS = {"TRIALS": 3, "TESTS": 1, "REFITS": (0.5,), **DATA}
+REFITS = {"TRIALS": 3, "TESTS": 1, "REFITS": (0.5,), "DATASETS": ("cy101",), **DATA}
 DRAWS = {"SIMULATIONS": 4, "MORE": 1, "Sampling": few_draws, **TABLE}
 PICTURES = {
     "LOG": Path("sample.mcap"),
@@ -82,25 +87,20 @@ PICTURES = {
 }
 ARM = {"TWINS": 3, "LAST": 2, "BATCHES": 1, "TRIALS": 2, "REPEATS": 1,
        "training_recordings": few_recordings}  # fmt: skip
-HELP = {"PARTS": {"help": (0.5, ("-m", "meal_bayes", "--help"))}, "REPEATS": 1}
 
 RUNS = (
     Run("bayes_adaptive", "--drawn 1"),
     Run("bayes_adaptive", "--picture picture.svg"),
-    Run("budgets", "--sizes 2x5"),
     Run("calibration", "--dataset small", {"SETS": 5, **TABLE}),
     Run("calibration", "--part answers --dataset roc36 --trials 2", {"ASKED": {"roc36": (1,)}}),
     Run("calibration", "--part simulated --dataset roc36 --trials 5", {"ASKED": {"roc36": (1,)}}),
-    Run("co_occurrence", "--dataset roc36"),
     Run("compare", "--simulations 2 --measure success", {"FAMILY": 2}),
-    Run("coupled", "--dataset roc36 --trials 40"),
-    Run("large_robots", "--sizes 11x6"),
+    Run("costs", "robots --sizes 11x6"),
+    Run("costs", "decisions --sizes 2x5"),
+    Run("costs", "learning --task table", {"AXES": {"objects": (10, 20)}}),
+    Run("costs", "start", {"COMMANDS": {"help": ("-m", "meal_bayes", "--help")}, "DEMO": "pass"}),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
-    Run("groups", "", {"load_percepts": lambda name: small_group(), "SIZES": (3,)}),
-    Run("growth", "--task table", {"AXES": {"objects": (10, 20)}}),
-    Run("kill", "--rounds 1 --at-once 1", {"WORDS": {"offline": "--trials 20"}}),
     Run("kill_learner", "--kills 1", {"LIVES": 1}, apart=True),
-    Run("learner", "", {"WORDS": 2, **DATA}),
     Run("learner", "--refits 1", REFITS),
     Run("knowing_little", "rates roc36 --seeds 0-1"),
     Run("learning", "toy 0-2 --trials 3"),
@@ -108,21 +108,20 @@ RUNS = (
     Run("learning", "physics 0-1 --trials 1", needs="sim"),
     Run("losses", "--dataset roc36 --trials 2", {"BOUNDED": 1, "QUESTIONS": ((1, "values"),)},
         "recordings"),
-    Run("online_speed", "--agents greedy --repetitions 1 --batches 1 --trials 1", {}, "recordings"),
     Run("peers_learning", "5-7 --tune 0-1 --trials 3", {"SCALES": (0.01,)}, "pymdp"),
     Run("perception", "--dataset small --permutations 1 --paper", DATA),
     Run("picture", "--log", PICTURES),
     Run("picture", "--log --viewer", PICTURES, "vulkan"),
-    Run("questions", "A1 --episodes 3"),
+    Run("questions", "groups", {"load_percepts": lambda name: small_group(), "SIZES": (3,)}),
+    Run("questions", "events --models A1 --episodes 3"),
+    Run("questions", "coupled --dataset ispy32", {"coupled_tasks": few_tasks}),
     Run("readme", "--check"),
-    Run("repeat", "table5"),
     Run("sbc", "--only closed", DRAWS),  # the other parts fit by NUTS, which takes minutes
     Run("shared_training", "--simulations 2 --objects 6", {"NEW": 10}),
     *(Run("simulated", f"--part {part} --objects 2 --asked 1", ARM, "sim")
       for part in ("answers", "labels", "content")),
     Run("simulated", "--part live --trials 4", ARM, "sim"),
     Run("simulated", "--part population --crowd 6", ARM, "sim"),
-    Run("start", "", {"COLD": {}, **HELP}),
 )  # fmt: skip
 
 

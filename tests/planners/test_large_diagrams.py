@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from large_robots import problem
+from costs import problem
 
 from meal_bayes import initial_belief
 from meal_bayes.planners import POMCP

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from sbc_ranks import coverage, rank_statistics, simulate, uniformity
+from sbc import coverage, rank_statistics, simulate, uniformity
 from scipy.special import logit
 
 from meal_bayes.errors import SettingsError

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from sbc_ranks import simulate
+from sbc import simulate
 from scipy.stats import beta, betabinom
 
 from meal_bayes.posterior import ConfusionPosterior

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sbc_ranks import simulate
+from sbc import simulate
 from scipy.special import expit, logit, logsumexp
 from scipy.stats import dirichlet_multinomial, norm, truncnorm
 
