@@ -42,8 +42,6 @@ Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from meal_bayes.version import package_version
-
 if TYPE_CHECKING:
     from meal_bayes.agents import Agent, load_agent
     from meal_bayes.datasets import (
@@ -112,7 +110,7 @@ if not TYPE_CHECKING:  # a type checker sees the names themselves, and misspelle
 
     def __getattr__(name: str) -> object:
         if name == "__version__":
-            return package_version()
+            return import_module("meal_bayes.digests").package_version()
         if name not in _HOME:
             names = f"its names are: {', '.join(__all__)}"
             raise AttributeError(f"module 'meal_bayes' has no attribute {name!r}; {names}.")

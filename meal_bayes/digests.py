@@ -1,4 +1,4 @@
-"""Digests of JSON values, files and arrays: what names a result by all that it depends on."""
+"""Digests of values, files and arrays, and the version: all by which a result is named."""
 
 import hashlib
 import json
@@ -60,3 +60,13 @@ def code_digest() -> str:
     files = [path for path in sorted(_PACKAGE.rglob("*")) if path.suffix in _SOURCES]
     names = [path.relative_to(_PACKAGE).as_posix() for path in files]
     return digest_of(names, *files)[:16]
+
+
+def package_version() -> str:
+    """Return the version of the package, "unreleased" where it is not installed."""
+    from importlib import metadata  # noqa: PLC0415  costs as much as the package's own import
+
+    try:
+        return metadata.version("meal-bayes")
+    except metadata.PackageNotFoundError:
+        return "unreleased"

@@ -31,7 +31,7 @@ from scipy.special import betaln, expit
 
 from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.domain import Domain
-from meal_bayes.domain.labels import PRIOR_OBJECTS
+from meal_bayes.domain.domain import PRIOR_OBJECTS
 
 _MEANS, _STRENGTHS = (
     points.ravel() for points in np.meshgrid(np.linspace(0.01, 0.99, 49), 2.0 ** np.arange(7))

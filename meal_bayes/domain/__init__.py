@@ -4,11 +4,10 @@ In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Que
 """
 
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
-from meal_bayes.domain.domain import Behavior, Domain
+from meal_bayes.domain.domain import Behavior, Domain, learn_answers, learn_success
 from meal_bayes.domain.event import Event, Payoffs
 from meal_bayes.domain.query import Query
 from meal_bayes.domain.reading import read_event, read_query, read_question
-from meal_bayes.domain.success import learn_answers, learn_success
 from meal_bayes.domain.tables import (
     domain_from_table,
     domain_names,

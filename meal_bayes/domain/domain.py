@@ -1,22 +1,27 @@
-"""What a robot can do and be asked about: attributes, behaviors with costs, the diagram."""
+"""What a robot can do and be asked about: attributes, behaviors with costs, the diagram.
+
+How often behaviors succeed, and people who are asked are right, is learned by `learn_success` and
+`learn_answers`.
+"""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import plain_fields
+from meal_bayes.arrays import label_values, plain_fields, shaped_array
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs, wrong_reward
-from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
 from meal_bayes.errors import DataError, DomainError, QueryError
 from meal_bayes.look import facts_repr, listed
 from meal_bayes.untrusted import LARGEST
 
+PRIOR_OBJECTS = 1.0  # of each value, beside those that are labeled, in every base rate (Laplace)
+_PRIOR_TRIES = 2.0  # executions, or answers, at the domain's own probability
 LEGAL_BUDGET = 50.0, 80.0, 80.0  # s of Random Legal, by the number of attributes asked
 
 
@@ -349,3 +354,91 @@ class Domain:
     def columns(self, names: Iterable[str]) -> list[int]:
         """Return the positions of some attributes; raises as `attribute_index` does."""
         return [self._position(name) for name in names]
+
+
+# Labels
+
+
+def label_of(name: str, value: object) -> int:
+    """Return one label as 1, 0, or -1; a `DataError` that names what it is of, if it is none."""
+    try:
+        label = label_values(value)
+        return int(label)
+    except TypeError:
+        raise DataError(f"{name}: Found {value!r:.60}; expected one label.") from None
+    except DataError as fault:
+        raise DataError(f"{name}: {fault}") from None
+
+
+def one_value(labels: NDArray[np.int8], group: str, members: Sequence[str]) -> NDArray[np.int8]:
+    """Return what labels (K,) of a group's members say of each of them.
+
+    Raises
+    ------
+    QueryError
+        Two are true, or none can be.
+    """
+    true = np.flatnonzero(labels == 1)
+    possible = np.flatnonzero(labels != 0)
+    if len(true) > 1 or not len(possible):
+        values = " and ".join(members[i] for i in true.tolist()) or "none"
+        raise QueryError(f"{values} of {group!r} ({', '.join(members)}); exactly one is true")
+    value = true if len(true) else possible
+    if len(value) > 1:
+        return labels
+    return np.asarray(np.arange(len(members)) == value, np.int8)
+
+
+# What is learned of a domain from what happened
+
+
+def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
+    """Return the domain with the posterior mean of every behavior's success probability.
+
+    The prior is worth two executions at the domain's own probability. Outcomes keep their shares.
+
+    Parameters
+    ----------
+    attempts : NDArray[np.float64]
+        (E,2) legal executions that failed, and that succeeded, by their weights.
+    """
+    attempts = shaped_array("attempts", attempts, len(domain.behaviors), 2)
+    diagram = domain.diagram
+    effects = []
+    for effect in diagram.effects:
+        failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
+        arrow = effect.source, effect.behavior
+        stated = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
+        learned = float((_PRIOR_TRIES * stated + succeeded) / (_PRIOR_TRIES + failed + succeeded))
+        changed = replace(effect, probability=effect.probability * learned / stated)
+        effects.append(effect if learned == stated else changed)
+    return replace(domain, diagram=replace(diagram, effects=tuple(effects)))
+
+
+def learn_answers(domain: Domain, answers: NDArray[np.float64]) -> Domain:
+    """Return the domain with the posterior mean of how often each behavior's answers are right.
+
+    The prior is worth two answers at the domain's own `answer_accuracy`.
+
+    Parameters
+    ----------
+    answers : NDArray[np.float64]
+        (E,2) answers that were wrong, and right, by the labels of their objects.
+
+    Examples
+    --------
+    >>> from meal_bayes import load_domain
+    >>> asked = np.zeros((10, 2))
+    >>> asked[9] = 10, 30
+    >>> learn_answers(load_domain("ispy32"), asked).behaviors[9].answer_accuracy
+    0.7476190476190476
+    """
+    answers = shaped_array("answers", answers, len(domain.behaviors), 2)
+    behaviors = []
+    for behavior, (wrong, right) in zip(domain.behaviors, answers.tolist(), strict=True):
+        stated = behavior.answer_accuracy
+        if stated is not None and wrong + right:
+            learned = (_PRIOR_TRIES * stated + right) / (_PRIOR_TRIES + wrong + right)
+            behavior = replace(behavior, answer_accuracy=learned)  # noqa: PLW2901
+        behaviors.append(behavior)
+    return replace(domain, behaviors=tuple(behaviors))

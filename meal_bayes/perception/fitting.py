@@ -29,6 +29,7 @@ from meal_bayes.datasets.percepts import (
     round_log_odds,
 )
 from meal_bayes.datasets.sources import SOURCES
+from meal_bayes.digests import package_version
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import command_line
@@ -44,7 +45,6 @@ from meal_bayes.perception.feature_spaces import (
 from meal_bayes.perception.kernel_ridge import Map, learned_widths
 from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
-from meal_bayes.version import package_version
 
 Counts = NDArray[np.integer]  # of fine bins, `BIN_COUNT`
 Stored = NDArray[np.floating]  # log-odds, `STORED`

@@ -22,13 +22,12 @@ from meal_bayes.datasets import (
 )
 from meal_bayes.datasets.percepts import shipped_path
 from meal_bayes.datasets.sources import SOURCES, find_folder
-from meal_bayes.digests import digest_of
+from meal_bayes.digests import digest_of, package_version
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import checked_path, file_name, path_text
 from meal_bayes.perception.fitting import build_percept_table
 from meal_bayes.perception.settings import NAMED
-from meal_bayes.version import package_version
 
 log = logging.getLogger("meal_bayes.perception")
 

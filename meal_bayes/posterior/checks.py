@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from meal_bayes.arrays import Bools, Floats, Ints, yes_of
-from meal_bayes.domain.labels import PRIOR_OBJECTS
+from meal_bayes.domain.domain import PRIOR_OBJECTS
 from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior.draws import replicate, rows_of
 from meal_bayes.posterior.grid import AS_INFINITE

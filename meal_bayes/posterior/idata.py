@@ -20,13 +20,13 @@ import xarray as xr
 
 from meal_bayes.arrays import Floats
 from meal_bayes.cache import writable_caches
+from meal_bayes.digests import package_version
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 from meal_bayes.files import checked_path, draft_of, path_text, regular_file
 from meal_bayes.look import level_names
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.draws import ROW, TRUTHS, sensing, summarize_draws
-from meal_bayes.version import package_version
 
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)

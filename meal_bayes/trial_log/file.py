@@ -35,6 +35,7 @@ from mcap.records import Attachment, Channel, Chunk, Footer, Header, McapRecord,
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from meal_bayes.digests import package_version
 from meal_bayes.errors import (
     DomainError,
     LogCorruptError,
@@ -89,7 +90,6 @@ from meal_bayes.trials import Step, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import check_trials
 from meal_bayes.trials.text import UNFINISHED
 from meal_bayes.untrusted import FREE_BYTES, UNPACKING, open_regular, read_json
-from meal_bayes.version import package_version
 
 FULL = "full"  # the form of a log that holds whole trials
 COMPACT = "compact"  # ... that holds their outcomes, and of some of them the whole trial

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import ByValue, FrozenArrays, label_values
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
-from meal_bayes.domain.labels import one_value
+from meal_bayes.domain.domain import one_value
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.look import short_repr
 from meal_bayes.momdp import MOMDP, Belief
