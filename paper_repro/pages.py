@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from meal_bayes.files import write_whole
-from paper_repro import claims, frame, rules
+from paper_repro import claims, frame
 
 _DASH = "\N{EN DASH}"  # nothing measured, or nothing printed
 
@@ -28,13 +28,14 @@ def write_pages() -> list[str]:
 
 def readme(items: Iterable[str]) -> str:
     """Build the index from the results that are there: claims, rules, and a row an item."""
+    rules = frame.read_table("rules.toml")
     rows = claims.claims()
-    lines = [rules.HEAD, f"**{claims.sentence(rows)}**", "", rules.CLAIMS]
+    lines = [rules["head"], f"**{claims.sentence(rows)}**", "", rules["claims"]]
     header = ["the paper claims", "where", "outcome", "effect", "column, and why", "item"]
     lines += [_row(header), _row(["---"] * len(header)), *map(_claim, rows), ""]
     if any(map(frame.is_marked_older, frame.items())):
-        lines.append(rules.OLDER)
-    lines.append(rules.RULES)
+        lines.append(rules["older"])
+    lines.append(rules["rules"])
     lines += [_row(["item", "verdict", "in one sentence", "minutes"]), _row(["---"] * 4)]
     for item in items:
         result = frame.read_result(item)

@@ -58,12 +58,8 @@ class Sarsop:
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "AlphaVectorPolicy":
         """Write the problem, run `pomdpsol` in a folder of its own, read its policy."""
-        return self.solve_file(momdp, problem_file(momdp))
-
-    def solve_file(self, momdp: MOMDP, problem: bytes) -> "AlphaVectorPolicy":
-        """Run `pomdpsol` on a MOMDP's .pomdpx, whose percepts may be others than the MOMDP's."""
         program = _find(self.program)
-        vectors = _vectors(problem, program, self)
+        vectors = _vectors(problem_file(momdp), program, self)
         try:
             return AlphaVectorPolicy(momdp, *vectors)
         except SettingsError as fault:
@@ -78,26 +74,6 @@ def problem_file(momdp: MOMDP) -> bytes:
         path = Path(name) / "problem.pomdpx"
         write_pomdpx(momdp, path)
         return path.read_bytes()
-
-
-def with_whole_answers(problem: bytes, behavior: str, right: float) -> bytes:
-    """Let a behavior of a .pomdpx show all asked values at once, right with one probability.
-
-    Wrong answers are equally likely, as in the published code's `ask`. What is shown is right where
-    it was likeliest before, as each attribute's is more often right than wrong.
-    """
-    root = ElementTree.fromstring(problem)
-    for entry in root.iterfind("ObsFunction//Entry"):
-        if entry.findtext("Instance", "").split()[0] != behavior:
-            continue
-        table = entry.find("ProbTable")
-        assert table is not None
-        *percepts, silent = map(float, (table.text or "").split())  # the last is "none"
-        rows = np.full(len(percepts), (1 - right) / (len(percepts) - 1))
-        rows[np.argmax(percepts)] = right
-        shown = [*((1 - silent) * rows), silent]
-        table.text = " ".join(np.format_float_positional(value, trim="0") for value in shown)
-    return bytes(ElementTree.tostring(root, encoding="ISO-8859-1"))
 
 
 @lru_cache(maxsize=64)

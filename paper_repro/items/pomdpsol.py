@@ -30,15 +30,14 @@ MEAL_BAYES_POMDPSOL; without it these results stay as they are. Here: {version}.
 are those of the published simulator, whose matrices are the same whatever object is left out, so
 that one policy a query serves all objects; its printed numbers are judged under train5, which the
 simulator loads. On Fig. 9's problems each attribute of an answer is right with .65, by which alone
-their reward ends below 25 (by the published code's `ask` it does not, by this solver:
-[solved_ask](solved_ask.md), nor exactly: [published_ask](published_ask.md)); their percepts are
-drawn from tables of our classifiers, as the matrices that ISPY32's simulator loads were not
-published. Trials are the units, as percepts are drawn. MORC gives up by "I do not know" for 0 s, 1
-s less than by an illegal behavior ([fig9](fig9.md)). With four and five irrelevant attributes
-SARSOP has not converged in 5 s: it gives everything up, as with three, and earns 0, where tree
-search earns 71.7 ± 19.2 and 25.2 ± 4.6 in the same model. Where every trial is given up all rewards
-are 0: that the reward ends below 25 is then judged by the fraction that is given up, as no trial
-earns more than 500."""
+their reward ends below 25 (by the published code's `ask` the optimum does not:
+[published_ask](published_ask.md)); their percepts are drawn from tables of our classifiers, as the
+matrices that ISPY32's simulator loads were not published. Trials are the units, as percepts are
+drawn. MORC gives up by "I do not know" for 0 s, 1 s less than by an illegal behavior
+([fig9](fig9.md)). With four and five irrelevant attributes SARSOP has not converged in 5 s: it
+gives everything up, as with three, and earns 0, where tree search earns 71.7 ± 19.2 and 25.2 ± 4.6
+in the same model. Where every trial is given up all rewards are 0: that the reward ends below 25 is
+then judged by the fraction that is given up, as no trial earns more than 500."""
 
 
 def run(setting: Setting) -> Result:

@@ -59,9 +59,8 @@ Whoever asks until two answers agree, and reports these, earns what the table sh
 more attributes, up to 500 - 100 x 2 / .65 = 192, as two wrong answers hardly agree by chance. It is
 arithmetic, without a planner and without percepts, and the optimum is no less. So a reward below 25
 at the right end of Fig. 9 is that of another `ask`, or of a solver that had not converged. SARSOP
-with 5 s, the paper's, ends above 25 by this `ask` ([solved_ask](solved_ask.md)), and gives up
-everything where each attribute of an answer is right with .65 on its own ([pomdpsol](pomdpsol.md));
-by that `ask` tree search ends near 25 ([fig9](fig9.md))."""
+with 5 s, the paper's solver, gives up all where each attribute of an answer is right with .65 on
+its own ([pomdpsol](pomdpsol.md)); by that `ask` tree search ends near 25 ([fig9](fig9.md))."""
 
 
 def run(setting: Setting) -> Result:

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "paper_repro"
 PACKAGE = Path(meal_bayes.__file__).resolve().parents[1]
 NEED_RECORDINGS = {"fig4", "table2", "table3", "table4", "eq7", "fig10", "fig11", "fig12", "eq10",
-                   "pomdpsol", "solved_ask"}  # fmt: skip
+                   "pomdpsol"}  # fmt: skip
 
 
 def reproduce(*arguments, cwd=ROOT, **variables):
@@ -47,7 +47,7 @@ def test_all_items_quickly(tmp_path):
     assert {*items, *told["skipped"]} == set(frame.items())
     assert set(told["skipped"]) <= NEED_RECORDINGS
     if "MEAL_BAYES_DATA_URL" in os.environ:
-        assert set(told["skipped"]) <= {"pomdpsol", "solved_ask"}  # where no pomdpsol is
+        assert set(told["skipped"]) <= {"pomdpsol"}  # where no pomdpsol is
     for item, result in items.items():
         assert result["tables"][0]["rows"], item
         assert result["verdict"], item

@@ -21,7 +21,6 @@ from paper_repro.items import (
     pomdpsol,
     published_ask,
     risk,
-    solved_ask,
     table3,
 )
 from paper_repro.items.published_ask import Asked, ask_until_two_agree
@@ -224,18 +223,6 @@ def test_asking_until_two_answers_agree_is_what_a_simulation_gives():
     for asked, kind in ((ask_until_two_agree(7, 0.65), FALLS), (Asked(5.0, 0.9), UNDECIDED)):
         (claim,) = published_ask.judge({5: asked}).values()
         assert outcome(claim) == kind
-
-
-@pytest.mark.parametrize(
-    ("first", "last", "outcomes"),
-    [
-        (200.0, 90.0, (STANDS, FALLS)),
-        (100.0, 10.0, (UNDECIDED, UNDECIDED)),  # as plans are worth that at least
-    ],
-)
-def test_lower_bounds_show_that_a_reward_is_above_a_number_alone(first, last, outcomes):
-    ends = (solved_ask.drawn(value + np.linspace(-9.0, 9.0, 30)) for value in (first, last))
-    assert tuple(map(outcome, solved_ask.judge(*ends).values())) == outcomes
 
 
 def test_fig_7_s_last_belief_is_the_third_squared():

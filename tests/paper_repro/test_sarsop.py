@@ -12,13 +12,10 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import Factored, History
-from paper_repro.agents import ASK
 from paper_repro.sarsop import (
     AlphaVectorPolicy,
     Sarsop,
-    problem_file,
     read_policy,
-    with_whole_answers,
 )
 
 LOOK, LIFT, REINIT = range(3)
@@ -236,27 +233,6 @@ def shown(problem: bytes) -> dict[str, list[float]]:
     entries = ElementTree.fromstring(problem).iterfind("ObsFunction//Entry")
     return {entry.findtext("Instance"): [float(v) for v in entry.findtext("ProbTable").split()]
             for entry in entries}  # fmt: skip
-
-
-@pytest.mark.parametrize("n", [1, 2, 3])
-@pytest.mark.parametrize("right", [0.65, 0.3])
-def test_whole_answers_are_right_with_one_probability(n, right):
-    problem = problem_file(momdp_of("ispy32_published", n))
-    before = shown(problem)
-    after = shown(with_whole_answers(problem, ASK, right))
-    assert before.keys() == after.keys()
-    asked = {instance for instance in before if instance.split()[0] == ASK}
-    assert asked
-    assert len(asked) % 2**n == 0  # of every truth, wherever x is
-    assert all(before[instance] == after[instance] for instance in before.keys() - asked)
-    for instance in asked:
-        truth = instance.split()[2].removeprefix("y")
-        *percepts, silent = after[instance]
-        assert (sum(after[instance]), silent) == (pytest.approx(1.0), before[instance][-1])
-        likeliest = int(np.argmax(before[instance][:-1]))
-        assert truth in names_of(problem)[likeliest]
-        assert percepts.pop(likeliest) == pytest.approx(right * (1 - silent))
-        assert percepts == pytest.approx([(1 - right) * (1 - silent) / (2**n - 1)] * (2**n - 1))
 
 
 def names_of(problem: bytes) -> list[str]:
