@@ -118,7 +118,7 @@ def test_a_block_that_other_code_made_fails_a_release_and_is_named(readme, fresh
     assert readme.check(release=False) == 0
     assert readme.check(release=True) == 1
     (listed, _) = capsys.readouterr().out.splitlines()
-    assert "docs/results/beliefs.md, block beliefs" in listed
+    assert listed.startswith("docs/results/beliefs.md: other code made beliefs")
     assert "python benchmarks/readme.py --only beliefs" in listed
     # What one command makes: what is old alone, or what is named, or everything.
     assert readme.measurements_of(readme.MEASUREMENTS, again=False) == [readme.BELIEFS]
