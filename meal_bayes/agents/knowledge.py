@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ from meal_bayes.look import short_repr
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait, learn_trait
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class Knowledge(FrozenArrays):
 
     __repr__ = short_repr
 
-    def to_frame(self) -> Any:
+    def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame, a row an attribute: what tells most of it, and how well.
 
         Columns are `base_rate`; `behavior`, of the largest Youden's J among those that were

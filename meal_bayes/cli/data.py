@@ -213,7 +213,7 @@ def import_(bags: tuple[Path, ...], out: Path, labels: Path | None, **given: Any
     from meal_bayes.errors import OutputError
 
     if out.exists():
-        raise OutputError(f"{out} is there already; remove it, or give another --out.")
+        raise OutputError(f"{out} exists already; remove it, or give another --out.")
     domain, report = _read_bags(bags, **given)
     rows = [(t.bag, t.topic, f"{t.messages}", f"{t.rate:.1f} Hz", f"{t.gap:.2f} s")
             for t in report.topics]  # fmt: skip

@@ -301,7 +301,7 @@ def save_recordings(
     """
     folder = checked_path("The folder", folder)
     if folder.exists():
-        raise OutputError(f"{folder} is there already; remove it, or give another --out.")
+        raise OutputError(f"{folder} exists already; remove it, or give another --out.")
     names = list(dict.fromkeys(one.object_name for one in report.executions))
     known: dict[str, Any] = {}
     if labels is not None:

@@ -117,11 +117,11 @@ def _files(domain: Domain, folder: Path) -> dict[Context, Path]:
     for context in domain.contexts:
         name = _file_of(context)
         if name != Path(name).name or "\\" in name:
-            raise DataError(f"{name!r} is no file's name; rename the behavior or modality.")
+            raise DataError(f"{name!r} is not a valid file name; rename the behavior or modality.")
         other = files.setdefault(name.casefold(), context)
         if other != context:
             raise DataError(
-                f"{other} and {context} have one file, {name}; rename a behavior or modality."
+                f"{other} and {context} have the same file, {name}; rename a behavior or modality."
             )
     return {context: folder / _file_of(context) for context in domain.contexts}
 
@@ -137,8 +137,8 @@ def _check_names(domain: Domain, folder: Path, contexts: Sequence[str]) -> None:
     strangers = sorted(path.name for path in folder.glob("*.csv") if path.name not in expected)
     if missing and strangers:
         raise DataError(
-            f"{folder / missing[0]}: there is no such file, and {listed(strangers)} is of no "
-            f"behavior and modality of {domain.name}; rename it, or add the one that is missing."
+            f"{folder / missing[0]}: the file is missing, and {listed(strangers)} belongs to no "
+            f"behavior and modality of {domain.name}; rename it, or add the missing file."
         )
     if strangers:
         reason = f"{domain.name} has no such behavior and modality"

@@ -122,7 +122,10 @@ class Dataset(ByValue):
         if self.answers is not None:
             set_frozen(self, answers=freeze(label_values(self.answers), np.int8))
             if self.answers.shape != self.labels.shape:
-                raise DataError(f"answers have shape {self.answers.shape}, labels another.")
+                raise DataError(
+                    f"answers have shape {self.answers.shape}; expected that of the labels, "
+                    f"{self.labels.shape}."
+                )
         check_objects(self.objects)
         set_frozen(self, labels=complete_labels(self.domain, self.objects, self.labels))
         frozen: dict[tuple[str, str], NDArray[np.float32]] = {}
@@ -146,8 +149,8 @@ class Dataset(ByValue):
         # Arrays have one R; fewer recordings of a behavior are rows of NaN at its end.
         if len({values.shape[1] for values in frozen.values()}) > 1:
             raise DataError(
-                "All contexts must have the same number of recordings an object; fill up with rows "
-                "of NaN, or use Dataset.from_frames, which does."
+                "All contexts must have the same number of recordings of each object; fill up "
+                "with rows of NaN, or use Dataset.from_frames, which does so."
             )
         set_frozen(self, features=frozen, recording_counts=freeze(counts, np.int64))
         for context, values in frozen.items() if not (rows_checked or self.partial) else ():
@@ -160,7 +163,9 @@ class Dataset(ByValue):
     ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Check features (O,R,D), and count each object's recordings (O,), before rows of NaN."""
         if context not in self.features:
-            raise DataError(f"No features of {context}; the domain promises them.")
+            raise DataError(
+                f"Features of {context} are missing; the domain lists this behavior and modality."
+            )
         axes = "objects", "recordings", "features"
         try:
             values = freeze(checked_features(self.features[context], axes, absent=True), np.float32)
@@ -175,8 +180,8 @@ class Dataset(ByValue):
         counts = present.sum(axis=1)
         if not (present == (np.arange(values.shape[1]) < counts[:, None])).all():
             raise DataError(
-                f"Features of {context} hold a recording after one that is NaN; only recordings "
-                "that are absent may be NaN, after those that are there."
+                f"Features of {context} have a recording after a row of NaN; rows of NaN stand "
+                f"for missing recordings and must come last."
             )
         return values, counts
 
@@ -322,7 +327,7 @@ class TrainingSet(ByValue):
             )
         unique, rows = np.unique(keys, axis=0, return_index=True)
         if (unique < 0).any():
-            raise DataError("Objects, behaviors and recordings are places, counted from 0.")
+            raise DataError("Objects, behaviors and recordings must be positions, counted from 0.")
         if len(unique) < len(keys):
             raise DataError("A recording has two rows of labels; give each one.")
         for name, column in zip(names, unique.T, strict=True):
@@ -350,7 +355,7 @@ def check_positions(positions: Iterable[object], count: int, what: str) -> None:
     for position in positions:
         if not is_whole(position) or not 0 <= position < count:
             raise DataError(
-                f"Found {position!r:.60}; expected a place among {count} {what}, from 0."
+                f"Found {position!r:.60}; expected a position among {count} {what}, from 0."
             )
 
 

@@ -194,8 +194,8 @@ class PerceptTable(ByValue):
             raise DataError(f"Percept table: expected recording_counts in 0 to {r}.")
         if self.training_bins[self.groups, np.arange(o)].any():
             raise DataError(
-                "Percept table: an object's own recordings stand among what is learned without it; "
-                "its training bins must be zero (build the table again)."
+                "Percept table: the training bins of an object count its own recordings; they "
+                "must be zero (build the table again)."
             )
         if len(self.edges) % 2 == 0 or not (np.diff(self.edges) > 0).all():
             raise DataError("Percept table: expected an odd number of edges, each above the last.")
@@ -360,7 +360,8 @@ def _read(path: Path, where: str, domain: Domain | None) -> PerceptTable:
             domain = domain_from_table(meta["domain_table"])
         if domain is None and meta["domain"] not in domain_names():
             raise SettingsError(
-                f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; pass "
+                f"{where} belongs to the domain {meta['domain']!r}, which is not in the package; "
+                f"pass "
                 "domain=load_domain(<your table>.toml)."
             )
         return _in_domain_order(meta, arrays, domain or load_domain(meta["domain"]))
@@ -368,7 +369,7 @@ def _read(path: Path, where: str, domain: Domain | None) -> PerceptTable:
         raise DataError(f"{where}: {error}") from error
     except (*UNREADABLE, OSError) as error:
         raise DataError(
-            f"{where} is not a whole percept table ({error}); make it again with "
+            f"{where} is not a complete percept table ({error}); make it again with "
             "`meal-bayes data percepts --dataset D`."
         ) from error
 
@@ -397,7 +398,7 @@ def _in_domain_order(
         for behavior in domain.behaviors
     ]
     if bins.size // max(bins[0, :, :, 0, 0].size, 1) * len(columns) * len(rows) > 2 * _LARGEST:
-        raise DataError(f"{len(rows)} behaviors make a table that fits in no memory.")
+        raise DataError(f"{len(rows)} behaviors make a table that does not fit into memory.")
     padded_log_odds = np.insert(log_odds, n_sensing, np.nan, axis=2)  # (O,R,E'+1,P)
     padded_bins = np.insert(bins[:, columns], n_sensing, 0, axis=2)  # (O,P,E'+1,G,L)
     padded_counts = np.insert(counts, n_sensing, 0, axis=1)  # (O,E'+1)

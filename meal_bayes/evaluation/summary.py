@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ from meal_bayes.evaluation.statistics import (
 from meal_bayes.look import AMOUNT, FRACTION, card, estimate_text, ordered_agents, reference_agent
 from meal_bayes.trials import TrialOutcomes, Trials
 from meal_bayes.trials.text import UNKNOWN
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PRIOR = "prior"  # the agent that answers by base rates at once, for 0 s
 _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
@@ -122,7 +125,7 @@ class Summary(list[SummaryRow]):
         """Compare two of the agents; see `compare`."""
         return compare(self.outcomes, first, second, measure=measure)
 
-    def to_frame(self) -> Any:
+    def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame, a row an agent."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 

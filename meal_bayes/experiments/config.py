@@ -4,6 +4,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import Agent, ITRSBonus, as_agent
@@ -52,7 +53,7 @@ class OfflineConfig:
 
     Attributes
     ----------
-    dataset : Any
+    dataset : str | Path | PerceptTable | Dataset
         A shipped data set, a percept table or its path, or recordings (see `TableSource.of`). A
         table that is only in memory is saved in the cache, and the run names it by that path.
     attributes, trials : int
@@ -91,7 +92,7 @@ class OfflineConfig:
     'roc36'
     """
 
-    dataset: Any
+    dataset: str | Path | PerceptTable | Dataset
     attributes: int = 2
     trials: int = 400
     agents: tuple[Any, ...] = DEFAULT_AGENTS
@@ -113,8 +114,8 @@ class OfflineConfig:
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
         if self.payoffs is not None and self.answer == "values":
             raise SettingsError(
-                "Payoffs are of yes and no, but values are asked; ask questions of yes or no "
-                "(answer='yes or no', --yes-no), or give one reward (--reward)."
+                "Payoffs are for yes and no, but the questions ask for values; ask questions of "
+                "yes or no (answer='yes or no', --yes-no), or give one reward (--reward)."
             )
         _check_size(self, ("trials",), ("attributes",))
         object.__setattr__(self, "dataset", path_text(self.dataset))
@@ -265,8 +266,8 @@ def _checked(agents: Any, seed: int, reward: float | None) -> tuple[Agent, ...]:
     for name in names:
         if names.count(name) > 1:
             raise SettingsError(
-                f"Agent {name!r} is named twice; name each once. Two planners of one class are "
-                "told apart by an attribute `name`."
+                f"Agent {name!r} is named twice; name each once. Give two planners of one class "
+                f"different attributes `name`."
             )
     if not agents_of_values:
         raise SettingsError("No agent named; name at least one.")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from meal_bayes.perception import TableSource
 from meal_bayes.seeds import Key, stream
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
 from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _LISTED = 200_000  # (object, query) pairs up to which all are listed and shuffled
 
@@ -73,7 +76,7 @@ def offline_tasks(
             f"give a number from 1 to {len(names)}."
         )
     if trials < 1:
-        raise SettingsError(f"{trials} trials asked; give at least 1.")
+        raise SettingsError(f"{trials} trials were asked for; give at least 1.")
     _check_labeled(table, names, n_attributes, conjunctions=answer == "yes or no")
     # The stream names no agent: all are asked the same.
     rng = stream(seed, "tasks", table.domain.data, n_attributes)
@@ -248,7 +251,7 @@ class OfflineRun:
         """Read the outcomes of all trials back, agent by agent."""
         return TrialOutcomes.join([read_outcomes(path) for path in self.paths])
 
-    def to_frame(self) -> Any:
+    def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame, a row a trial; see `trials_frame`."""
         return trials_frame(self.trials())
 

@@ -180,8 +180,8 @@ class Protocol:
         for name, part in (("train", split.train), ("test", split.test)):
             if not protocol._pairs(part):
                 raise SettingsError(
-                    f"Of no object of the {name} part are {attributes} attributes known; "
-                    "add labels, or ask fewer at a time."
+                    f"No object of the {name} part has labels of {attributes} attributes; add "
+                    f"labels, or ask about fewer at a time."
                 )
         return protocol
 

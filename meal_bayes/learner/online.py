@@ -599,8 +599,8 @@ def cut_by_labels(record: Experience, labels: Labels, n_levels: int) -> NDArray[
         if case not in record.warned_of:
             record.warned_of.add(case)
             warn_user(
-                f"The scores of {attribute!r} by {behavior} are lower where it is true; a score "
-                "has to be higher there: give its negative."
+                f"The scores of {attribute!r} by {behavior} are lower if it is true, but must be "
+                f"higher: return their negatives."
             )
     return edges
 
@@ -707,7 +707,7 @@ def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
     odd = [text for text in views.odd_recordings(record, sizes) if text not in record.warned_of]
     if odd:
         record.warned_of.update(odd)
-        warn_user(f"Left out of what is learned: {listed(odd, 5)}.")
+        warn_user(f"Not used for learning: {listed(odd, 5)}.")
 
 
 def warn_of_clocks(record: Experience, sizes: views.Sizes) -> None:

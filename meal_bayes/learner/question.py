@@ -260,13 +260,13 @@ def start_of(trial: Trial, start: str, state: str | None) -> str:
         if len(states) > 2:  # and "term"
             raise SettingsError(
                 f"The log ends with the robot in {end!r}; since then it may have moved. Look "
-                f"where it is, and say so: resume(state={end!r}), if it is there."
+                f"where it is: if it is still there, call resume(state={end!r})."
             )
         return start
     state_index(states, state, "resume(state=)")
     if state != end:
         raise LogError(
-            f"The log ends with the robot in {end!r}, and it is in {state!r}. Bring it to "
+            f"The log ends with the robot in {end!r}, but it is now in {state!r}. Bring it to "
             f"{end!r} and resume again, or end the trial by give_up(), and ask again."
         )
     return start

@@ -148,8 +148,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     if faults:
         more = f"; and {len(faults) - 1} more" if faults[1:] else ""
         warnings.warn(
-            f"Not all of the logs was recalled: {faults[0]}{more}. Labels in a file that is "
-            "damaged may have replaced others; tell them again.",
+            f"Not all logs were recalled: {faults[0]}{more}. Labels in a damaged file may have "
+            f"replaced others; give them again.",
             stacklevel=2,
         )
     forgotten = {feedback.key for feedback in told if feedback.recordings}

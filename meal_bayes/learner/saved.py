@@ -665,7 +665,7 @@ def _refusing(path: Path) -> Iterator[None]:
         yield
     except (*UNREADABLE, MealBayesError) as fault:
         raise DataError(
-            f"{path} is not a whole learner ({fault}); save it again, or fit a new one."
+            f"{path} is not a complete learner ({fault}); save it again, or fit a new one."
         ) from fault
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
@@ -691,8 +691,8 @@ def _refuse_what_others_saved(path: Path, file: str) -> None:
     if content != f"the learner {file}":
         history = f"read or wrote {file} last" if file else "has read and written no file"
         raise OutputError(
-            f"{path} holds {content}, and this learner {history}: somebody else has saved there. "
-            "Load that file and tell it what is missing, give another name, or call "
+            f"{path} holds {content}, and this learner {history}: another learner was saved "
+            f"there. Load that file and add the missing labels, give another name, or call "
             "save(path, overwrite=True)."
         )
 

@@ -76,8 +76,8 @@ def log_told(experience: Experience, folder: Path, entry: Feedback | Change | No
             log = write_feedback(log_folder, feedback, header=header)
         except LogError as fault:
             raise LogError(
-                f"{fault} The label or change is learned, but not logged. Repair this; the next "
-                "tell() logs it, also with the same labels."
+                f"{fault} The label or change was learned, but not logged. Repair this, and call "
+                f"tell() again, which logs it."
             ) from fault
         experience.feedback_logs[log.name] = None
         experience.unlogged.pop(0)
@@ -142,13 +142,13 @@ def warn_of_typo(experience: Experience, name: str) -> None:
     met = len(experience.instances) or len(experience.executions)
     if near:
         warn_user(
-            f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It is taken "
-            f"for another object; forget({name!r}) takes its labels back."
+            f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It counts as "
+            f"another object; forget({name!r}) removes its labels."
         )
     elif met and not _numbered_alike(name, names):
         warn_user(
-            f"There is no trial or recording of {name!r}; it is taken for a new object, beside "
-            f"{listed(names, _SHOWN)}. forget({name!r}) takes its labels back."
+            f"There is no trial or recording of {name!r}; it counts as a new object, beside "
+            f"{listed(names, _SHOWN)}. forget({name!r}) removes its labels."
         )
 
 

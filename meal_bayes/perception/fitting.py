@@ -128,7 +128,7 @@ def build_percept_table(
     dataset: Dataset,
     *,
     perception: str | PerceptionSettings = "default",
-    classifier: Any = None,
+    classifier: object | None = None,
     progress: Callable[[int, int], None] | None = None,
     map_behaviors: Map = map,
 ) -> PerceptTable:
@@ -140,7 +140,7 @@ def build_percept_table(
         Recordings and labels.
     perception : str | PerceptionSettings
         "default", "paper", or settings.
-    classifier : Any
+    classifier : object | None
         A scikit-learn classifier in place of ours; see `with_classifier`.
     progress : Callable[[int, int], None] | None
         Called with (behaviors done, behaviors in all).

@@ -169,7 +169,7 @@ class OutcomeChecker:
         features = None
         warning = ""
         if accuracy is None and outcome.answers is not None:
-            raise _NoPercept("it does not ask, but came with answers")
+            raise _NoPercept("it does not ask a person, but returned answers")
         sensed = outcome.features is not None or outcome.percepts is not None
         if accuracy is not None and sensed:
             raise _NoPercept("it asks a person; give answers, not features or percepts")
@@ -270,11 +270,11 @@ def state_index(states: Sequence[str], state: object, where: str) -> int:
         return possible.index(state)
     if isinstance(state, str) and state == TERMINAL:
         raise RobotError(
-            f"{where} of the robot came to {TERMINAL!r}, to which an answer alone leads; expected "
+            f"{where} of the robot returned {TERMINAL!r}, which only an answer reaches; expected "
             f"one of {', '.join(possible)}; return the state that the robot is in."
         )
     message = unknown("state", str(state), possible)
-    raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
+    raise RobotError(f"{where} of the robot returned an unknown state. {message}")
 
 
 def _recording(number: object) -> int | None:

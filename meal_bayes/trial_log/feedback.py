@@ -64,7 +64,7 @@ class Feedback:
         if fault := name_fault(self.object_name):
             raise LogError(f"The object's name {self.object_name!a:.60} {fault}.")
         if self.recordings and (self.key is None or {*self.labels.values()} - {_WITHDRAWN}):
-            raise LogError("Recordings are forgotten of a trial, with its labels.")
+            raise LogError("Recordings are forgotten for a trial, together with its labels.")
         if not 0 < len(self.labels) + self.recordings <= NAME_LIMIT:
             raise LogError(f"{len(self.labels)} labels; expected 1 to {NAME_LIMIT}.")
         for name, label in self.labels.items():

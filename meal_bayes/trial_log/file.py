@@ -207,7 +207,7 @@ def find_log(path: str | Path) -> Path:
     if path.is_file():
         return path
     if path.is_dir():
-        raise LogError(f"{path} is a folder, and no log; name one of its files.")
+        raise LogError(f"{path} is a folder and not a log; name one of its files.")
     stem = stem_of(path) if path.name.endswith(ACTIVE) else path.stem
     found = wholest(path.parent.glob(f"*{SUFFIX}*")).get(path.with_name(stem))
     if found is None:
@@ -319,11 +319,9 @@ class TrialWriter:
         with self._faults_named():
             make_folder(self.path.parent)
             if self.path.exists() and not self.path.is_file():
-                raise OSError(f"{self.path} is no file")
+                raise OSError(f"{self.path} is not a file")
             if not self._overwrite and os.path.lexists(self.path):  # also a link to nothing
-                raise LogError(
-                    f"{self.path} is there already, and is not replaced; {self.way_out}."
-                )
+                raise LogError(f"{self.path} exists already, and is not replaced; {self.way_out}.")
             _check_timing(timing_of(self.path))
             self._file: BinaryIO = self.active_path.open("xb")
             hold(self._file)  # nobody else resumes or removes it while this process lives
@@ -375,7 +373,7 @@ class TrialWriter:
                     name_new(self.active_path, self.path)
                 except FileExistsError:
                     raise LogError(
-                        f"{self.path} was written by another process meanwhile, and is not "
+                        f"{self.path} was meanwhile written by another process, and is not "
                         f"replaced; the trials are in {self.active_path}. Save them with: "
                         + command_line("meal-bayes log recover", self.active_path)
                     ) from None
@@ -474,7 +472,9 @@ class TrialWriter:
 
     def _next_encoder(self) -> TrialEncoder:
         if self._begun:
-            raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
+            raise LogError(
+                f"{self.path} accepts no other trial, because the last one has not ended."
+            )
         return TrialEncoder(self.written.trials, self._momdps)
 
     def _count(self, trial: Trial, seconds: float | None = None) -> None:
@@ -541,8 +541,8 @@ def _check_timing(path: Path) -> None:
                 if _TIMING.encode().startswith(file.read(len(_TIMING))):  # or a part of it
                     return
         raise LogError(
-            f"{path} is where the seconds of the trials are written, and is no such table; give "
-            "the log another name."
+            f"{path} is the file for the seconds of the trials, but has other content; give the "
+            f"log another name."
         )
 
 
@@ -1019,7 +1019,7 @@ class Scan:
             raise LogCorruptError(f"{self.foreign.of(self.path)}.")
         if self.builder.header is None and not self.read.trials:
             raise LogCorruptError(
-                f"{self.path} holds nothing of a trial log: {self.problems[0]}; expected a "
+                f"{self.path} contains no part of a trial log: {self.problems[0]}; expected a "
                 f"{SUFFIX} file that meal_bayes wrote."
             )
 

@@ -445,7 +445,7 @@ class Logs:
 
     def __init__(self, *paths: str | Path) -> None:
         if not paths:
-            raise LogError("No log is named; give files, or folders of them.")
+            raise LogError("No log was named; give files, or folders of them.")
         files = {file.resolve(): file for path in paths for file in log_files(path)}
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read
@@ -519,10 +519,10 @@ class Logs:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
         if empty and named_form(self.files[0]) == FEEDBACK_FORM:
             raise LogError(
-                f"{self.files[0]} holds what was told of trials; name one of their logs."
+                f"{self.files[0]} contains labels of trials; name one of the trials' logs."
             )
         if empty:
-            raise LogError(f"{self.files[0]} holds no trial yet.")
+            raise LogError(f"{self.files[0]} contains no trial yet.")
 
     def trials(self) -> Iterator[Trial]:
         """Yield the trials of all files, none of a compact log; errors are those of `groups`."""
@@ -589,8 +589,8 @@ class Logs:
                         copies.of[file] = other
                         continue
                     raise LogError(
-                        f"{other} and {file} hold different trials under equal settings, as other "
-                        "code or other recordings make them; name the logs of one run."
+                        f"{other} and {file} contain different trials with equal settings, made "
+                        f"by other code or from other recordings; name the logs of one run."
                     )
             files.append((file, header))
             # Objects are known by their numbers in a data set, so trials of two do not mix.

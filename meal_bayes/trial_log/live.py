@@ -66,8 +66,8 @@ class LiveLog(TrialWriter):
                 with contextlib.suppress(LogCorruptError):  # nothing in it can be read
                     if next(salvage(draft), None) is not None:
                         raise LogError(
-                            f"{self.path} holds a trial that was broken off: "
-                            f"Learner.resume({str(draft)!r}) goes on with it; or {self.way_out}."
+                            f"{self.path} contains an interrupted trial: "
+                            f"Learner.resume({str(draft)!r}) continues it; or {self.way_out}."
                         )
 
     def end(self, trial: Trial) -> None:
@@ -111,15 +111,15 @@ class Interrupted:
         try:
             self._file = open_regular(draft)
         except OSError:  # never there, or ended by another process a moment ago
-            raise LogError(f"There is no trial {draft} that was broken off.") from None
+            raise LogError(f"There is no interrupted trial {draft}.") from None
         if not hold(self._file):
             self._file.close()
             # Whoever began it may be dead, and another have resumed it.
             who = re.search(r"\.w(\d+)-", draft.name)
             by = f" (process {who[1]} began it)" if who else ""
             raise NotBrokenOff(
-                f"{draft} is under way in another process{by}: one process drives a robot at a "
-                "time. Wait for it, or end it, and resume again."
+                f"{draft} is in progress in another process{by}, and only one process may drive a "
+                f"robot. Wait for it, or end it, and resume again."
             )
         self.path = _log_of(draft)
         self.file = draft
@@ -134,12 +134,12 @@ class Interrupted:
         """Return the trial of the draft, which has to be one that was broken off."""
         # Whoever held the draft until now may have brought the trial to its end.
         if self.path != draft and self.path.is_file():
-            raise NotBrokenOff(f"{self.path} is whole: its trial is over, nothing to resume.")
+            raise NotBrokenOff(
+                f"{self.path} is complete: its trial is over, and there is nothing to resume."
+            )
         last = next(reversed(list(salvage(draft))), None)
         if not isinstance(last, Trial) or not isinstance(self.header.get("begun"), dict):
-            raise LogError(
-                f"{draft} holds no trial that was broken off; there is nothing to resume."
-            )
+            raise LogError(f"{draft} contains no interrupted trial; there is nothing to resume.")
         if not last.ended:
             raise NotBrokenOff(f"The trial of {draft} is over; there is nothing to resume.")
         return last
@@ -241,10 +241,10 @@ def interrupted(path: Path) -> Interrupted:
         draft.release()
     if not drafts:
         raise LogError(
-            f"{path} holds no trial that was broken off; there is nothing to resume."
+            f"{path} contains no interrupted trial; there is nothing to resume."
             + _ended_last(path)
-            + " A learner's file does not keep where its logs are: name their folder if it is "
-            "another."
+            + " The file of a learner does not contain the folder of its logs: name the folder if "
+            "it is another one."
         )
     listed = "; ".join(f"{draft}: resume({str(draft.path)!r})" for draft in drafts)
-    raise LogError(f"{path} holds {len(drafts)} trials that were broken off: {listed}.")
+    raise LogError(f"{path} holds {len(drafts)} interrupted trials: {listed}.")

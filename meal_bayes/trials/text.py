@@ -5,7 +5,7 @@ All surfaces (terminal, notebook, viewer, report) take their words from here.
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,9 @@ from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes, check_trials
 from meal_bayes.trials.record import Step, TrialRecord
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SILENT = "says nothing"  # of a percept without information
 _SAME = 1e-9  # probabilities that differ by less are equal
@@ -324,7 +327,7 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     }
 
 
-def trials_frame(trials: Iterable[TrialRecord]) -> Any:
+def trials_frame(trials: Iterable[TrialRecord]) -> "pd.DataFrame":
     """Return trials as a pandas data frame, a row a trial.
 
     Columns are agent, task, object, query, report, truth (the values named true, or missing),

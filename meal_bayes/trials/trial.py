@@ -3,7 +3,7 @@
 from base64 import b64encode
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from meal_bayes.trials.text import (
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from meal_bayes.canvas import Axes
 
 
@@ -147,7 +149,7 @@ class Trial(TrialRecord):
             "</picture>"
         )
 
-    def to_frame(self) -> Any:
+    def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame with a row for each step; missing percepts are missing values.
 
         `value` is the expected reward of the chosen action and `bonus` its exploration bonus;

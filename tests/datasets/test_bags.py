@@ -244,7 +244,7 @@ def test_faults_name_bag_topic_and_time(tmp_path):
 
 def test_a_folder_that_is_there_and_bags_that_are_not(tmp_path):
     report = read(write(tmp_path / "cup.mcap", rounds=1))
-    with pytest.raises(OutputError, match="there already"):
+    with pytest.raises(OutputError, match="exists already"):
         save_recordings(LAB, report, tmp_path)
     with pytest.raises(SettingsError, match="no bag"):
         find_bags([tmp_path / "none"])

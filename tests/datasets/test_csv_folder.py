@@ -193,7 +193,7 @@ def test_files_without_rows(files, name):
 @pytest.mark.parametrize("wrong", ["Look-color.csv", "label.csv", "lift_haptic.csv"])
 def test_a_misnamed_file_is_named(files, name, wrong):
     (files / name).rename(files / wrong)
-    with pytest.raises(DataError, match=f"{name}: there is no such file, and {wrong} is of no"):
+    with pytest.raises(DataError, match=f"{name}: the file is missing, and {wrong} belongs to no"):
         load_dataset(files / "own.toml", root=files)
 
 

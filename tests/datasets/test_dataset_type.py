@@ -41,7 +41,7 @@ def test_arrays_are_read_only():
         ({"labels": np.array([[1, 0], [0, 257]])}, "the label 257"),  # 1 in eight bits
         ({"labels": [["True", "False"], ["True", "False"]]}, "the label 'True'"),
         ({"objects": ("cup", "cup")}, "'cup' is listed twice"),
-        ({"features": {}}, "No features of"),
+        ({"features": {}}, "Features of .* are missing"),
         ({"features": {LOOK: np.zeros((2, 3))}}, "found shape"),
         ({"features": {LOOK: np.full((2, 3, 2), "4_0")}}, "found text"),
         ({"features": {LOOK: np.full((2, 3, 2), 1j)}}, "found complex"),

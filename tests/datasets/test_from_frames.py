@@ -81,7 +81,7 @@ def spoil(name, features, labels):
     ("name", "message"),
     [
         ("context", "Unknown context"),
-        ("missing", r"No features of \('lift', 'haptics'\)"),
+        ("missing", r"Features of \('lift', 'haptics'\) are missing"),
         ("object", "did you mean 'stone'"),
         ("twice", "recording 1 of cup again, after row 1"),
         ("text", "found objects; expected real numbers"),

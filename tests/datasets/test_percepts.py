@@ -124,7 +124,7 @@ def test_rounding_keeps_log_odds_to_a_hundredth():
         ({"log_odds": np.zeros((3, 2, 2, 2))}, r"expected \(3, 2, 3, 2\)"),
         ({"training_bins": np.zeros((3, 3, 2, 3, 7))}, r"expected \(3, 3, 2, 3, 8\)"),
         ({"edges": BIN_EDGES[::-1]}, "each above the last"),
-        ({"training_bins": np.ones((3, 3, 2, 3, 8))}, "learned without it"),
+        ({"training_bins": np.ones((3, 3, 2, 3, 8))}, "count its own recordings"),
         ({"recording_counts": np.full((3, 3), 9)}, "in 0 to 2"),
     ],
 )
@@ -165,7 +165,7 @@ def test_names_without_a_table_are_refused(tmp_path):
 
 def test_the_domain_must_ship_or_be_given(path, table):
     rewrite_meta(path, domain="/own/kitchen.toml")
-    with pytest.raises(SettingsError, match="which does not ship; pass domain="):
+    with pytest.raises(SettingsError, match="which is not in the package; pass domain="):
         load_percepts(path)
     assert_same(load_percepts(path, domain=table.domain), table)
 
@@ -190,8 +190,8 @@ def test_torn_and_changed_bytes_are_a_data_error(path, table):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda a: a.pop("labels"), "not a whole percept table"),
-        (lambda a: a.update(meta=np.frombuffer(b"{", np.uint8)), "not a whole percept table"),
+        (lambda a: a.pop("labels"), "not a complete percept table"),
+        (lambda a: a.update(meta=np.frombuffer(b"{", np.uint8)), "not a complete percept table"),
         (lambda a: a.update(labels=a["labels"].astype(float)), "labels is float64"),
         (lambda a: a.update(labels=a["labels"] + np.int8(5)), "expected 1 or True"),
     ],
@@ -206,7 +206,7 @@ def test_wrong_contents_are_a_data_error(path, change, message):
     ("fields", "message"),
     [
         ({"format": 2}, "has format 2; this version reads format 1"),
-        ({"objects": None}, "not a whole percept table"),
+        ({"objects": None}, "not a complete percept table"),
         ({"objects": ["cup"]}, r"labels has shape \(3, 2\); expected \(1, 2\)"),
         ({"objects": ["cup", "cup", "jar"]}, "named twice"),
         ({"behaviors": ["look"]}, "Unknown behavior 'lift'"),
@@ -264,7 +264,7 @@ def test_a_domain_that_blows_its_table_up_is_refused(table, path):
         diagram=replace(diagram, effects=(*diagram.effects, *effects)),
     )  # fmt: skip
     rewrite(path, lambda a: a.update(training_bins=np.zeros((3, 2, 2, 3, 4000), np.uint8)))
-    with pytest.raises(DataError, match="fits in no memory"):
+    with pytest.raises(DataError, match="does not fit into memory"):
         load_percepts(path, domain=domain)
 
 

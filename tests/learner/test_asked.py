@@ -72,7 +72,7 @@ def test_a_learner_that_was_loaded_elsewhere_is_told_where_to_look(dataset, make
     killed(session)
     again = Learner.load(tmp_path / "it.mind", logs=tmp_path / "there")
     (tmp_path / "there" / first.domain.name).mkdir(parents=True)
-    with pytest.raises(LogError, match=r"does not keep where its logs are: name their folder"):
+    with pytest.raises(LogError, match=r"does not contain the folder of its logs: name the folder"):
         again.resume()
     again.resume(tmp_path / "here", state="table").cancel()
 

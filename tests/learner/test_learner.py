@@ -339,5 +339,5 @@ def test_mistakes_are_told(dataset, make):
     for wrong in ({"learn": "no"}, {"max_cost": "x"}, {"max_cost": True}):
         with pytest.raises(SettingsError, match="give"):
             learner.ask("red", make.arm(), **wrong)
-    with pytest.raises(LogError, match="No log is named"):
+    with pytest.raises(LogError, match="No log was named"):
         recall(learner)

@@ -119,7 +119,7 @@ def test_what_is_damaged_in_a_log_that_is_not_over_is_told(dataset, make, tmp_pa
     data = bytearray(draft.read_bytes())
     data[int(place * len(data))] ^= 255
     draft.write_bytes(data)
-    with pytest.warns(UserWarning, match="Not all of the logs was recalled"):
+    with pytest.warns(UserWarning, match="Not all logs were recalled"):
         recall(make.learner(dataset, make.agent("look")), tmp_path)
 
 

@@ -349,7 +349,7 @@ def test_a_torn_file_is_one_line(saved, agent):
     content = saved.read_bytes()
     for size in (0, 10, len(content) // 2, len(content) - 1):
         saved.write_bytes(content[:size])
-        with pytest.raises(DataError, match="whole learner"):
+        with pytest.raises(DataError, match="complete learner"):
             Learner.load(saved, agent=agent, logs=None)
     saved.unlink()
     with pytest.raises(DataError, match="No file"):
@@ -363,9 +363,9 @@ def test_two_learners_do_not_write_over_each_other(dataset, make, tmp_path):
     first, second = (Learner.load(path, agent=agent, logs=None) for _ in range(2))
     first.save(path)
     first.save(path)
-    with pytest.raises(OutputError, match="somebody else has saved there"):
+    with pytest.raises(OutputError, match="another learner was saved there"):
         second.save(path)
-    with pytest.raises(OutputError, match="somebody else has saved there"):
+    with pytest.raises(OutputError, match="another learner was saved there"):
         make.learner(dataset, agent).save(path)
     second.save(path, overwrite=True)
     assert [file.name for file in tmp_path.iterdir()] == ["mind"]

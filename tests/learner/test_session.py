@@ -161,11 +161,11 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
         return
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     again = loaded()
-    with pytest.raises(LogError, match="is under way in another process"):
+    with pytest.raises(LogError, match="is in progress in another process"):
         again.resume(draft)
     first._recorder._file.close()  # as the end of its process did
     second = again.resume(state=arm.state)
-    with pytest.raises(LogError, match=r"is under way|nothing to resume"):
+    with pytest.raises(LogError, match=r"is in progress|nothing to resume"):
         loaded().resume(draft)  # one process drives
     assert_same(drive(second, arm), undisturbed)
     assert second.trial.task == first.task
@@ -347,9 +347,9 @@ def test_several_broken_trials_are_listed(learner, tmp_path):
     sessions = [learner.begin("red", object_name=name) for name in ("mug", "cup")]
     for session in sessions:
         session._recorder._file.close()
-    with pytest.raises(LogError, match=r"2 trials that were broken off: red of (mug|cup)"):
+    with pytest.raises(LogError, match=r"2 interrupted trials: red of (mug|cup)"):
         learner.resume()
-    with pytest.raises(LogError, match="no trial"):
+    with pytest.raises(LogError, match="no interrupted trial"):
         learner.resume(tmp_path / "none")
 
 

@@ -206,7 +206,7 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
 def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, monkeypatch):
     learner = begun(dataset, make, tmp_path)
     monkeypatch.setattr(log_file, "name_new", full)
-    with pytest.raises(LogError, match=r"No space left.*is learned, but not logged"):
+    with pytest.raises(LogError, match=r"No space left.*was learned, but not logged"):
         learner.tell("mug", {"red": True})
     assert red(learner) == {"mug": 1}
 

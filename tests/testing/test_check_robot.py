@@ -91,11 +91,11 @@ class Arm:
 
 
 FAULTS = {
-    "starts nowhere": r"start\(\) .* state that is not known",
-    "starts at a number": r"start\(\) .* state that is not known",
+    "starts nowhere": r"start\(\) .* unknown state",
+    "starts at a number": r"start\(\) .* unknown state",
     "starts at the end": r"start\(\) .* 'term', .*expected one of x0, x1; return the state",
     "comes to the end": r"execute\(.*\) .* 'term', .*expected one of x0, x1; return the state",
-    "comes to an unknown state": r"execute\(.*\) .* not known. Unknown state 'lost'",
+    "comes to an unknown state": r"execute\(.*\) .* unknown state. Unknown state 'lost'",
     "moves where nothing leads": "came to .* The domain's diagram leads to",
     "returns a pair": r"returned tuple; return an Outcome\(state, features\)",
     "fails by an exception": "raised OSError: no route to host",
@@ -108,7 +108,7 @@ FAULTS = {
     "lacks a modality": "is not among",
     "has a modality of its own": r"returned features of \['lidar'\]",
     "writes over what it returned": "have changed since. Return a copy",
-    "answers unasked": "does not ask, but came with answers",
+    "answers unasked": "does not ask a person, but returned answers",
     "names its recording": "its recording is 'first', not a number",
 }
 

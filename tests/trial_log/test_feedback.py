@@ -139,7 +139,7 @@ def test_logs_of_feedback_are_no_trials(answered, tmp_path):
     assert log_files(tmp_path) == [tmp_path / "a.mcap"]
     assert len(list(Follower(tmp_path).poll())) == 1
     assert log_info(told).form == "feedback"
-    with pytest.raises(LogError, match="what was told of trials; name one of their logs"):
+    with pytest.raises(LogError, match="contains labels of trials; name one of"):
         list(Logs(told).groups())
     for name, form in (("b.feedback.mcap", "full"), ("b.mcap", "feedback")):
         with pytest.raises(SettingsError, match=r"\.feedback\.mcap are for logs of feedback"):
@@ -152,7 +152,7 @@ def test_logs_of_feedback_are_no_trials(answered, tmp_path):
         (lambda: Feedback("", {"heavy": 1}), "name"),
         (lambda: Feedback("mug", {}), "0 labels"),
         (lambda: Feedback("mug", {"heavy": 2}), "expected 1, 0 or -1"),
-        (lambda: Feedback("mug", {"heavy": -1}, recordings=True), "of a trial"),
+        (lambda: Feedback("mug", {"heavy": -1}, recordings=True), "for a trial"),
         (lambda: Feedback("mug", {"heavy": 1}, ("a",), recordings=True), "with its labels"),
     ],
 )

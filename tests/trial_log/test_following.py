@@ -54,7 +54,7 @@ def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
     with pytest.raises(LogCorruptError, match=r"Not one trial can be read: .*text\.mcap"):
         trials_of(Logs(tmp_path / "text.mcap"))
     write_trials(tmp_path / "nothing.mcap", [], header={})
-    with pytest.raises(LogError, match="holds no trial yet"):
+    with pytest.raises(LogError, match="contains no trial yet"):
         trials_of(Logs(tmp_path / "nothing.mcap"))
     monkeypatch.setattr("meal_bayes.trial_log.file.FORMAT_VERSION", FORMAT_VERSION + 1)
     write_trials(tmp_path / "new.mcap", make.trials(1), header={})
@@ -265,7 +265,7 @@ def test_two_versions_of_one_run_are_not_mixed(make, tmp_path):
     other = dataclasses.replace(trial, truth=1 - trial.truth)
     for name, each in (("old", trial), ("new", other)):
         write_trials(tmp_path / name / "bayes" / "unit.mcap", [each], header=CONFIG)
-    with pytest.raises(LogError, match="different trials under equal settings"):
+    with pytest.raises(LogError, match="different trials with equal settings"):
         trials_of(Logs(tmp_path))
 
 

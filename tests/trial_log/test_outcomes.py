@@ -127,7 +127,7 @@ class TestCompactLogs:
         write_trials(tmp_path / "b.mcap", trials, header={"seed": 4})
         joined = write_report(Logs(tmp_path), tmp_path / "r.html")
         assert len(joined) == 21 * len(trials)
-        assert "holds no steps" in (tmp_path / "r.html").read_text()
+        assert "without its steps" in (tmp_path / "r.html").read_text()
 
 
 def test_messages_that_contradict_themselves_are_refused(outcomes):

@@ -331,7 +331,7 @@ def test_a_trial_without_its_end_leaves_the_file_unfinished(make, tmp_path):
         log.write(whole)
         log.begin(trial)
         log.step(trial.steps[0])
-        with pytest.raises(LogError, match="not open"):
+        with pytest.raises(LogError, match="has not ended"):
             log.write(whole)
     assert not path.exists()
     saved = list(salvage(log.active_path))
