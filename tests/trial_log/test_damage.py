@@ -186,7 +186,7 @@ def test_a_file_that_is_no_log(content, tmp_path):
 def test_a_file_that_is_not_there(tmp_path):
     for read in (read_trials, salvage, read_header, log_info, check_log, recover_log):
         for path in (tmp_path / "none.mcap", tmp_path):
-            with pytest.raises(LogError, match="[Nn]o.* log|not a log"):
+            with pytest.raises(LogError, match=r"[Nn]o.* log|not a log"):
                 read(path)
 
 
