@@ -1,5 +1,7 @@
 """Compiling a solver's kernels before they are needed, or loading what an earlier process made."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from meal_bayes.domain import Event, Query, load_domain
@@ -23,6 +25,8 @@ def warm_up(solver: Solver, limit: float = 3, *, yes_or_no: bool = False) -> Non
     yes_or_no : bool
         Of a question of yes or no, which has kernels of its own.
     """
+    if isinstance(solver, POMCP):  # compiling would use up a budget before anything is simulated
+        solver = replace(solver, milliseconds=None, simulations=1)
     if isinstance(solver, POMCP | OpenLoop | Factored):
         domain = load_domain("toy")
         query = Query(domain.attributes[:1], event=Event((True,)) if yes_or_no else None)

@@ -162,6 +162,28 @@ def test_kernels_have_one_signature(tmp_path):
     assert run(SIGNATURES, NUMBA_CACHE_DIR=str(tmp_path)) == ""
 
 
+WARM = """
+from meal_bayes.planners import POMCP, warm_up, watch_compilation
+import numpy as np
+from meal_bayes.domain import Query, load_domain
+from meal_bayes.momdp import build_momdp, initial_belief
+from meal_bayes.planners import History
+domain, rng = load_domain("toy"), np.random.default_rng(0)
+rows = rng.dirichlet(np.ones(2), (2, 3, 2))
+for limit in (3, np.inf):
+    warm_up(POMCP(milliseconds=1), limit)
+for limit in (3, np.inf):
+    momdp = build_momdp(domain, Query(domain.attributes), rows, limit=limit)
+    with watch_compilation(print, print):
+        POMCP(5).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
+"""
+
+
+@pytest.mark.long
+def test_a_warm_up_leaves_nothing_to_compile_whatever_the_budget(tmp_path):
+    assert run(WARM, NUMBA_CACHE_DIR=str(tmp_path)) == ""
+
+
 def copy_of_the_package(folder):
     package = folder / "meal_bayes"
     ignored = shutil.ignore_patterns("__pycache__")
