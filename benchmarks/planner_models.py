@@ -12,6 +12,8 @@
   `MODELS`. Each seed draws five problems (one to five attributes), each with a diagram, costs,
   success probabilities and rates of its own: a chain of x, loops that perceive, ways back. Percepts
   of `noisy7-3` say little, so that good plans are long.
+- `ring7-10x30`: a problem drawn as in `large_robots.py`, of seed 7: ten attributes, thirty
+  behaviors, six states; not in `MODELS`.
 - `ispy32-10`, `-20`, `-81`: ISPY32's first 10, 20 attributes that experiments ask, and all; tables
   as above; all but the first two are known before; nobody to ask.
 """
@@ -25,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from large_robots import problem
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
@@ -33,6 +36,7 @@ REFERENCE = Path(__file__).resolve().parents[1] / "tests/planners/planner_refere
 ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
 PRECISIONS = (1, 3, 5)
 LARGE = (10, 20, 81)
+RING_STATES = 6
 RELEVANT = 2  # attributes of a large query that are not known before
 
 NOISY = tuple(f"A{n}" for n in range(1, 6))
@@ -47,6 +51,11 @@ MODELS = (
 @lru_cache(maxsize=1)
 def momdp_of(model: str) -> MOMDP:
     """Build a model's MOMDP by name."""
+    ring = _RING.fullmatch(model)
+    if ring is not None:
+        seed, n, behaviors = map(int, ring.groups())
+        drawn = problem(behaviors, RING_STATES, seed, attributes=n)
+        return replace(drawn, abstain=True, discount=0.99)
     if attributes_of(model) is not None:
         return random_momdp(model)
     kind, _, rest = model.partition("-")
@@ -139,6 +148,7 @@ def build_model(model: dict[str, Any]) -> MOMDP:
 
 ATTRIBUTES = 5
 _NAME = re.compile(r"(random|noisy)(\d+)-([1-5])")
+_RING = re.compile(r"ring(\d+)-(\d+)x(\d+)")
 
 
 def names_of(seed: int, *, noisy: bool) -> list[str]:
@@ -149,7 +159,10 @@ def names_of(seed: int, *, noisy: bool) -> list[str]:
 def attributes_of(model: str) -> int | None:
     """Return how many attributes a random problem has; None for the name of any other."""
     match = _NAME.fullmatch(model)
-    return None if match is None else int(match[3])
+    if match is not None:
+        return int(match[3])
+    ring = _RING.fullmatch(model)
+    return None if ring is None else int(ring[2])
 
 
 def random_momdp(model: str) -> MOMDP:

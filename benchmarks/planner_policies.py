@@ -38,17 +38,20 @@ SEARCHES = (
 BASELINES = (Planner("greedy"), Planner("predefined_plus"), Planner("random_legal"))
 PEERS = {  # and the library of each
     "pomdp-py": "pomdp_py",
+    "pymdp": "pymdp",
     "pomdpplanners-pomcp": "POMDPPlanners",
     "pomdpplanners-sparse-pft": "POMDPPlanners",
 }
+UNTABLED = {"pomdp-py", "pymdp"}  # peers that need no table of all values and percepts
 PLANNERS = (  # those that others are compared with come first
     Planner("olfc"),
     Planner("factored"),
     *SEARCHES,
     *BASELINES,
     Planner("sarsop", "5s"),
-    *(Planner(peer, "1500 simulations") for peer in PEERS),
-    Planner("pomdp-py", "15000 simulations"),
+    *(Planner(peer, "1500 simulations") for peer in PEERS if peer != "pymdp"),
+    *(Planner("pymdp", f"{steps} steps") for steps in (1, 2, 3)),
+    *(Planner("pomdp-py", f"{simulations} simulations") for simulations in (150, 15000)),
     Planner("pomdpplanners-pomcp", "15000 simulations"),
 )
 
@@ -58,8 +61,8 @@ def planners_for(model: str) -> tuple[Planner, ...]:
     absent = set()
     small = re.fullmatch(r"(?:(A|clean)|\w+-)([1-5])", model)
     if small is None or int(small[2]) > TABLED:
-        absent |= {"factored", *PEERS}
-    if small is not None and small[1] is None:
+        absent |= {"factored", *PEERS} - UNTABLED
+    if attributes_of(model) is not None:
         absent.add("predefined_plus")  # a random problem has behaviors of its own
     if small is None or shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL", "pomdpsol")) is None:
         absent.add("sarsop")
@@ -84,20 +87,21 @@ def solver_of(planner: Planner, model: str) -> Solver:
         "random_legal": lambda: RandomLegal(50.0),
         "sarsop": lambda: _sarsop(planner),
         "pomdp-py": lambda: _pomdp_py(planner),
+        "pymdp": lambda: _pymdp(planner),
         "pomdpplanners-pomcp": lambda: _pomdpplanners(planner),
         "pomdpplanners-sparse-pft": lambda: _pomdpplanners(planner),
     }
     return by_policy[planner.policy]()
 
 
-def _simulations(budget: str | None) -> int:
+def _number(budget: str | None) -> int:
     return int(str(budget).split(maxsplit=1)[0])
 
 
 def _search(budget: str) -> POMCP:
     if budget.endswith("ms"):
         return POMCP(milliseconds=float(budget.removesuffix("ms")))
-    return POMCP(simulations=_simulations(budget))
+    return POMCP(simulations=_number(budget))
 
 
 def _sarsop(planner: Planner) -> Solver:
@@ -109,11 +113,17 @@ def _sarsop(planner: Planner) -> Solver:
 def _pomdp_py(planner: Planner) -> Solver:
     from pomdp_py_solver import PomdpPy  # noqa: PLC0415  not everyone has it
 
-    return PomdpPy(_simulations(planner.budget))
+    return PomdpPy(_number(planner.budget))
+
+
+def _pymdp(planner: Planner) -> Solver:
+    from pymdp_solver import Pymdp  # noqa: PLC0415  not everyone has it
+
+    return Pymdp(_number(planner.budget))
 
 
 def _pomdpplanners(planner: Planner) -> Solver:
     from pomdpplanners_solver import PomdpPlanners  # noqa: PLC0415  not everyone has it
 
     name = planner.policy.removeprefix("pomdpplanners-")
-    return PomdpPlanners(name, _simulations(planner.budget))
+    return PomdpPlanners(name, _number(planner.budget))

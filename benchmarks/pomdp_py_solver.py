@@ -7,7 +7,7 @@ from itertools import accumulate
 
 import numpy as np
 import pomdp_py
-from peer_tables import PeerTables
+from peer_tables import Steps
 
 from meal_bayes.momdp import MOMDP, Belief, best_answer
 from meal_bayes.planners import Decision, History
@@ -19,7 +19,7 @@ _DEPTH = 40  # steps of a simulation, at most; random roll-outs report long befo
 class PomdpPy:
     """POUCT of pomdp-py: textbook tree search with random roll-outs.
 
-    It is given what helps it: the exact belief, tables in place of arithmetic, objects that are
+    It is given what helps it: the exact belief, numbers laid out in advance, objects that are
     made once, only actions that a planner may choose, the most probable report where it reports,
     and UCB1's constant at the spread of the rewards [Silver2010].
 
@@ -102,7 +102,7 @@ class _Problem(pomdp_py.BlackboxModel):
     """(s, a) to (s', o, r, steps); what ends the trial takes all the steps that are left."""
 
     def __init__(self, momdp: MOMDP) -> None:
-        self.tables = tables = PeerTables(momdp)
+        self.tables = tables = Steps(momdp)
         each_x = range(tables.end + 1)
         percepts = range(tables.none + 1)
         self.states = [
@@ -114,12 +114,8 @@ class _Problem(pomdp_py.BlackboxModel):
 
     def sample(self, state: _State, action: _Action) -> tuple[_State, _Observation, float, int]:
         """Draw one step."""
-        tables = self.tables
-        number = action.number
-        x = tables.next_x(state.x, number)
-        percept = tables.percept(x, state.y, number)
-        steps = _DEPTH + 1 if x == tables.end else 1
-        reward = tables.reward[state.x][state.y][number]
+        x, percept, reward = self.tables.step(state.x, state.y, action.number)
+        steps = _DEPTH + 1 if x == self.tables.end else 1
         return self.states[x][state.y], self.seen[x][percept], reward, steps
 
 

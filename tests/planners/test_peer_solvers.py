@@ -1,10 +1,11 @@
 """Planners of other libraries, as the benchmark runs them: they are given the problem as it is."""
 
 import random
+from importlib import import_module
 
 import numpy as np
 import pytest
-from peer_tables import PeerTables
+from peer_tables import PeerTables, Steps
 from planner_models import build_model, momdp_of
 
 from meal_bayes.errors import SettingsError
@@ -79,6 +80,44 @@ def test_peers_draw_from_the_problem(name):
             assert (abs(counts / DRAWS - expected) <= 5 * error + 2 / DRAWS).all()
 
 
+@pytest.mark.statistical
+@pytest.mark.parametrize("name", ["A2", "random2-3"])
+def test_steps_are_drawn_from_the_problem(name):
+    random.seed(2)
+    momdp = momdp_of(name)
+    steps = Steps(momdp)
+    n = len(momdp.query)
+    rewards = momdp.reports.rewards()
+    for x, y in np.ndindex(steps.end, steps.n_y):
+        truth = momdp.query.values[y].astype(int)
+        for action in steps.allowed[x]:
+            drawn = [steps.step(x, y, action) for _ in range(DRAWS)]
+            after, percepts, earned = map(np.array, zip(*drawn, strict=True))
+            if action >= steps.n_e:
+                assert set(after) == {steps.end}
+                answer = action - steps.n_e
+                right = rewards[y, answer] if answer < steps.n_y else 0.0
+                assert earned.tolist() == [right] * DRAWS
+                continue
+            assert earned == pytest.approx(-momdp.expected_cost()[x, action])
+            moves = np.bincount(after, minlength=steps.end + 1) / DRAWS
+            assert_frequent(moves, momdp.transition[action, x], DRAWS)
+            perceives = percepts != steps.none
+            comes = (momdp.transition[action, x] * momdp.observation_probability[action, x]).sum()
+            assert_frequent(perceives.mean(), comes, DRAWS)
+            for i in range(n):
+                rates = momdp.confusion[i, action, :, 1]
+                if perceives.any() and rates[0] != rates[1]:
+                    yes = percepts[perceives] >> (n - 1 - i) & 1
+                    assert_frequent(yes.mean(), rates[truth[i]], perceives.sum())
+
+
+def assert_frequent(found, expected, draws):
+    """Check frequencies by the standard error that they have."""
+    error = np.sqrt(expected * (1 - expected) / draws)
+    assert (abs(found - expected) <= 5 * error + 2 / draws).all()
+
+
 @pytest.mark.long
 def test_a_peer_solves_what_takes_a_lift_and_a_look(solver, small):
     done = simulate(
@@ -86,6 +125,16 @@ def test_a_peer_solves_what_takes_a_lift_and_a_look(solver, small):
     )
     assert done.value >= 250
     assert done.simulations == SIMULATIONS * done.decisions
+
+
+@pytest.mark.long
+def test_active_inference_solves_what_takes_a_lift_and_a_look(pymdp, small):
+    rng = np.random.default_rng(0)
+    solver = import_module("pymdp_solver").Pymdp()
+    done = simulate(small, solver.solve(small, rng), 20, np.random.default_rng(1))
+    assert done.value >= 250
+    with pytest.raises(SettingsError, match="finite precision"):
+        solver.solve(momdp_of("A1-precision1"), rng)
 
 
 @pytest.mark.long
