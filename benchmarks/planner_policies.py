@@ -50,7 +50,7 @@ PLANNERS = (  # those that others are compared with come first
     *BASELINES,
     Planner("sarsop", "5s"),
     *(Planner(peer, "1500 simulations") for peer in PEERS if peer != "pymdp"),
-    *(Planner("pymdp", f"{steps} steps") for steps in (1, 2, 3)),
+    *(Planner("pymdp", f"{steps} steps") for steps in range(1, 6)),
     *(Planner("pomdp-py", f"{simulations} simulations") for simulations in (150, 15000)),
     Planner("pomdpplanners-pomcp", "15000 simulations"),
 )
