@@ -12,7 +12,7 @@
   `MODELS`. Each seed draws five problems (one to five attributes), each with a diagram, costs,
   success probabilities and rates of its own: a chain of x, loops that perceive, ways back. Percepts
   of `noisy7-3` say little, so that good plans are long.
-- `ring7-10x30`: a problem drawn as in `large_robots.py`, of seed 7: ten attributes, thirty
+- `ring7-10x30`: a problem drawn as in `costs.py`, of seed 7: ten attributes, thirty
   behaviors, six states; not in `MODELS`.
 - `ispy32-10`, `-20`, `-81`: ISPY32's first 10, 20 attributes that experiments ask, and all; tables
   as above; all but the first two are known before; nobody to ask.
@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from large_robots import problem
+from costs import problem
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
