@@ -5,7 +5,6 @@
     python benchmarks/knowing_little.py nothing cy101,ispy32 --seeds 0-4 --json > now.json
     python benchmarks/knowing_little.py detector cy101 --known 0,2,4,8 --seeds 0-6 --json > now.json
     python benchmarks/knowing_little.py scores cy101 --known 0,2,4,8,16 --seeds 0-10
-    python benchmarks/knowing_little.py offline cy101,ispy32,roc36 --seeds 0-10 --json > now.json
     python benchmarks/knowing_little.py words --seeds 0-4
     python benchmarks/knowing_little.py wrong_labels cy101 --seeds 0-8 --json > now.json
     python benchmarks/knowing_little.py raters ispy32
@@ -20,8 +19,7 @@ The others are run in two checkouts (PYTHONPATH) or by two agents, and compared:
 the same objects, questions and luck. `known`: recordings and all labels of n objects are given,
 then QUESTIONS questions about others follow, of one attribute each. `nothing`: TRIALS objects, one
 attribute of each asked and told, then TESTS on objects that were not met; `--agent alone` prices
-exploring by rates of each attribute alone. `offline`: questions about objects of the shipped
-percept table, of which all others are known. `detector`: as `known`, with the shipped percepts as a
+exploring by rates of each attribute alone. `detector`: as `known`, with the shipped percepts as a
 detector's, in place of recordings; `--agent chance` has a detector that says anything. `scores`:
 as `detector`, and once more with what the levels were cut from, as a probability that is not
 calibrated, and paired differences. `words`:
@@ -257,20 +255,6 @@ def raters(name: str) -> list[Row]:
         row = {"data": name, "words": words, "pairs": int(number.sum())}
         rows.append({**row, "agree": right.sum() / number.sum(), "from": low, "to": high})
     return rows
-
-
-def all_labels_known(name: str, seed: int, agent: str) -> Row:
-    """Measure questions about objects of a percept table that are left out of all the others."""
-    start = time.process_time()
-    table = load_percepts(name)
-    rng = stream(seed, "offline", name)
-    learner = Learner(table.domain, agent=agent_of(agent), seed=seed, logs=None).fit(table)
-    trials = []
-    for _ in range(QUESTIONS // 5):
-        o = int(rng.integers(len(table.objects)))
-        truth, _ = question(table, o, rng)
-        trials.append(learner.ask(list(truth), object_name=table.objects[o], truth=truth))
-    return {"data": name, "seed": seed, **of_trials(trials, start)}
 
 
 class Detecting:
@@ -559,7 +543,6 @@ def main() -> None:
         "nothing",
         "detector",
         "scores",
-        "offline",
         "words",
         "wrong_labels",
         "raters",
@@ -589,9 +572,8 @@ def main() -> None:
         rows = [row for name in names for row in raters(name)]
     elif options.part == "words":
         rows = [row for seed in seeds for row in later_words(seed, options.agent)]
-    elif options.part in ("nothing", "offline", "wrong_labels"):
-        measures = {"nothing": from_nothing, "offline": all_labels_known}
-        measure = measures.get(options.part, wrong_labels)
+    elif options.part in ("nothing", "wrong_labels"):
+        measure = from_nothing if options.part == "nothing" else wrong_labels
         rows = [measure(name, seed, options.agent) for name in names for seed in seeds]
     elif options.part == "scores":
         rows = [

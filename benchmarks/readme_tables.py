@@ -39,18 +39,18 @@ RUNS = {  # offline, with all agents
     "roc36-2": Measurement(
         f"{_ROC36} --attributes 2 --trials 2000",
         "ROC36, two attributes",
-        30,
+        6,
         {"random": (0.245, 17.56), "predefined_plus": (0.583, 37.10), "morc": (0.860, 29.85)},
     ),
     "roc36-3": Measurement(
         f"{_ROC36} --attributes 3 --trials 2000",
         "ROC36, three attributes",
-        27,
+        6,
         {"random": (0.130, 10.12), "predefined_plus": (0.373, 37.10), "morc": (0.903, 33.87)},
     ),
-    "cy101-1": Measurement(_CY101, "CY101, one of ten attributes", 10),
+    "cy101-1": Measurement(_CY101, "CY101, one of ten attributes", 2),
     "ispy32-1": Measurement(
-        f"{_ISPY32} --attributes 1 --trials 1184", "ISPY32, one of 37 attributes", 7
+        f"{_ISPY32} --attributes 1 --trials 1184", "ISPY32, one of 37 attributes", 2
     ),
     "ispy32-2": Measurement(f"{_ISPY32} --attributes 2 --trials 1000", "ISPY32, two attributes"),
     "ispy32-3": Measurement(f"{_ISPY32} --attributes 3 --trials 1000", "ISPY32, three attributes"),
