@@ -353,10 +353,10 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def check_seconds(name: str, value: object, most: float = np.inf, *, or_none: bool = False) -> None:
-    """Refuse a setting that is no number of seconds, from 0 to the most."""
+def check_seconds(name: str, value: object, *, or_none: bool = False) -> None:
+    """Refuse a setting that is no number of seconds, 0 or more."""
     value = plain(value)
-    if not ((or_none and value is None) or (is_number(value) and 0 <= value <= most)):
+    if not ((or_none and value is None) or (is_number(value) and value >= 0)):
         raise SettingsError(f"{name} is {value!r:.60}; give seconds, 0 or more.")
 
 

@@ -149,13 +149,13 @@ def error_text(error: float, form: str = AMOUNT) -> str:
     return f"±{digits}" if math.isfinite(error) and float(digits) > 0 else ""
 
 
-def estimate_text(estimate: float, error: float, form: str = AMOUNT) -> str:
-    """Return an estimate with its standard error.
+def estimate_text(estimate: float, error: float) -> str:
+    """Return an amount with its standard error.
 
     >>> estimate_text(483.2, 1.84), estimate_text(483.2, 0.0)
     ('483.2 ±1.8', '483.2')
     """
-    return f"{estimate:{form}} {error_text(error, form)}".rstrip()
+    return f"{estimate:{AMOUNT}} {error_text(error)}".rstrip()
 
 
 def bar_html(probability: float) -> str:

@@ -136,16 +136,16 @@ def print_rows(console: Console, label: str, rows: Iterable[Text], *, cut: bool 
         label = ""
 
 
-def signed(value: object, form: str | None = None) -> str:
-    """Return a number with its sign, by default as an amount, or "-" of what is no finite one.
+def signed(value: object) -> str:
+    """Return an amount with its sign, or "-" of what is no finite number.
 
-    >>> signed(2.0), signed(-0.25, ".2f"), signed(None)
-    ('+2.0', '-0.25', '-')
+    >>> signed(2.0), signed(None)
+    ('+2.0', '-')
     """
     from meal_bayes.look import AMOUNT
 
     finite = isinstance(value, float) and math.isfinite(value)
-    return f"{value:+{form or AMOUNT}}" if finite else "-"
+    return f"{value:+{AMOUNT}}" if finite else "-"
 
 
 def note(text: str) -> None:

@@ -257,12 +257,12 @@ def resampled(values: ArrayLike, ratio: float) -> Estimate:
     )
 
 
-def spent(look: int, level: float = 1 - MASS) -> float:
+def spent(look: int) -> float:
     """Return the level of a look at growing data: looks 1, 2, ... spend 1/2, 1/4, ... of it.
 
-    However many follow, all of them have a false decision at `level` at most.
+    However many follow, together they decide falsely in 1 - `MASS` of all cases at most.
     """
-    return level * 0.5**look
+    return (1 - MASS) * 0.5**look
 
 
 def wilson_interval(hits: int, n: int) -> Interval:

@@ -203,7 +203,7 @@ def resuming(path: Path) -> Iterator[Interrupted]:
         raise
 
 
-def end_broken(path: Path, why: str = "cancelled") -> tuple[Trial, Mapping[str, object]]:
+def end_broken(path: Path) -> tuple[Trial, Mapping[str, object]]:
     """End what `interrupted` returns; return the trial and the header of its log, now whole."""
     with resuming(path) as broken:
         trial = broken.trial
@@ -211,7 +211,7 @@ def end_broken(path: Path, why: str = "cancelled") -> tuple[Trial, Mapping[str, 
         log.begin(replace(trial, steps=(), report=None, ended=""))
         for step in trial.steps:
             log.step(step)
-        trial = replace(trial, ended="" if trial.report is not None else why)
+        trial = replace(trial, ended="" if trial.report is not None else "cancelled")
         log.end(trial)
         return trial, broken.header
 

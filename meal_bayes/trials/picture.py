@@ -144,11 +144,9 @@ class _Scale(NamedTuple):
     across: float
     up: float
 
-    def box(
-        self, text: str, size: float, left: float, bottom: float, *, bold: bool = False
-    ) -> _Box:
+    def box(self, text: str, size: float, left: float, bottom: float) -> _Box:
         """Return the rectangle of a line of text whose lower left corner is given."""
-        right = left + text_width(text, size, bold=bold) * self.across
+        right = left + text_width(text, size) * self.across
         return _Box(left, bottom, right, bottom + size * _LINE * self.up)
 
 
