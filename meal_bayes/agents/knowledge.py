@@ -51,7 +51,7 @@ class Knowledge(FrozenArrays):
     __repr__ = short_repr
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas data frame, a row an attribute: what tells most of it, and how well.
+        """Return a pandas data frame with a row for each attribute and its best behavior.
 
         Columns are `base_rate`; `behavior`, of the largest Youden's J among those that were
         perceived, None where none tells anything; `youden`, how often its percepts say yes where

@@ -193,7 +193,7 @@ def _print_json(logs: "list[LogInfo]", path: Path) -> None:
 
 
 def _header_facts(header: Mapping[str, Any]) -> dict[str, str]:
-    """Return what a log's header says as text: a line a question, and each fact once."""
+    """Return what a log's header says as text: a line for each question, and each fact once."""
     config = dict(header.get("config") or {})
     questions = config.pop("questions", None)
     facts = {}

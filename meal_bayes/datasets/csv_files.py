@@ -48,12 +48,12 @@ _LARGEST = float(np.finfo(np.float32).max)
 def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     """Read `labels.csv` and one `<behavior>_<modality>.csv` for each context of the domain.
 
-    `labels.csv` has the header ``object,<attribute>,...`` and a row an object: 1 true, 0 false,
-    empty unknown. A column of a group, in place of its attributes, holds the one that is true. A
-    feature file has the header ``object,recording,<feature>,...`` and a row a
-    recording; the files of one behavior are joined by (object, recording) and hold the same rows.
-    An object may lack a behavior, or have another number of recordings of it than others. The first
-    line that is wrong is a `DataError` with its file, number, and how to repair it.
+    `labels.csv` has the header ``object,<attribute>,...`` and a row for each object: 1 true, 0
+    false, empty unknown. A column of a group, in place of its attributes, holds the one that is
+    true. A feature file has the header ``object,recording,<feature>,...`` and a row a recording;
+    the files of one behavior are joined by (object, recording) and hold the same rows. An object
+    may lack a behavior, or have another number of recordings of it than others. The first line that
+    is wrong is a `DataError` with its file, number, and how to repair it.
     """
     files = _files(domain, folder)
     _check_names(domain, folder, [path.name for path in files.values()])
@@ -188,7 +188,7 @@ def read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np
             raise fault(where, message, "one value of each group", "correct the row") from None
         add_once(labels, where, cells[0], values)
     if not labels:
-        raise fault(where, "no rows under the header", "a row an object", "add the rows")
+        raise fault(where, "no rows under the header", "a row for each object", "add the rows")
     return tuple(labels), np.array(list(labels.values()), dtype=np.int8)
 
 
@@ -273,7 +273,7 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
         values = [np.nan] * (width - count) if lacks else _numbers(where, cells, count)
         rows.append((where, tuple(cells[:count]), values))
     if not rows:
-        expected = "a row a recording"
+        expected = "a row for each recording"
         raise fault(f"{path}, line 1", "no rows under the header", expected, "add the rows")
     places, keys, numbers = zip(*rows, strict=True)
     return FeatureRows(str(path), places, keys, np.array(numbers), columns)

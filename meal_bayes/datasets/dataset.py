@@ -202,14 +202,14 @@ class Dataset(ByValue):
             Domain, as for `Learner`: its behaviors and attributes.
         features : Mapping[tuple[str, str], Any]
             (behavior, modality) -> one of: a frame (of pandas, polars, pyarrow, ...) with a column
-            ``object``, perhaps ``recording``, and one column a feature; a dictionary from the
+            ``object``, perhaps ``recording``, and a column for each feature; a dictionary from the
             object to its (R,D) recordings; an array (O,R,D) in the order of `objects`. A row of NaN
             says that the recording lacks this modality; it is left out of the others too.
         labels : Any
-            A frame with a row an object (its name in a column ``object`` or in the index) and a
-            column an attribute, or a group; a dictionary from the object to its {attribute: value}
-            or {group: value}; an array (O,P). Values are 1 or True, 0 or False, or the one of a
-            group; -1, None, NaN or nothing are unknown.
+            A frame with a row for each object (its name in a column ``object`` or in the index) and
+            a column for each attribute or group; a dictionary from the object to its {attribute:
+            value} or {group: value}; an array (O,P). Values are 1 or True, 0 or False, or the one
+            of a group; -1, None, NaN or nothing are unknown.
         objects : Sequence[str] | None
             (O,) names, needed for arrays; those of the labels by default.
 

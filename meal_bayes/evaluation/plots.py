@@ -63,7 +63,7 @@ def lines(series: Sequence[Series], *, x_label: str, y_label: str, ax: Axes | No
 
 
 def learning_curve(series: Sequence[Series]) -> Axes:
-    """Draw accuracy over the hours of exploration behind it, one line an agent (Figs. 10, 11)."""
+    """Draw accuracy over the hours of exploration, a line for each agent (Figs. 10, 11)."""
     ax = lines(series, x_label="exploration, h", y_label="accuracy (fraction of trials)")
     ax.set_ylim(max(ax.get_ylim()[0], -0.02), min(ax.get_ylim()[1], 1.02))
     return ax

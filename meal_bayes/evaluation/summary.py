@@ -1,4 +1,4 @@
-"""Trials to rows of measures, one row an agent."""
+"""Trials to rows of measures, one row for each agent."""
 
 import dataclasses
 import math
@@ -126,13 +126,13 @@ class Summary(list[SummaryRow]):
         return compare(self.outcomes, first, second, measure=measure)
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas data frame, a row an agent."""
+        """Return a pandas data frame, a row for each agent."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
         return pd.DataFrame(list(self), columns=[f.name for f in dataclasses.fields(SummaryRow)])
 
     def __repr__(self) -> str:
-        """Return a line an agent."""
+        """Return a line for each agent."""
         facts = {
             row.agent: f"accuracy {accuracy_text(row)}, cost {row.cost_s:{AMOUNT}} s, "
             f"reward {reward_text(row)}"

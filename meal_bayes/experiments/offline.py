@@ -252,11 +252,11 @@ class OfflineRun:
         return TrialOutcomes.join([read_outcomes(path) for path in self.paths])
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas data frame, a row a trial; see `trials_frame`."""
+        """Return a pandas data frame, a row for each trial; see `trials_frame`."""
         return trials_frame(self.trials())
 
     def steps(self) -> Any:
-        """Return a pandas data frame, a row a step of every trial; see `Trial.to_frame`."""
+        """Return a pandas data frame, a row for each step of every trial; see `Trial.to_frame`."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
         frames = []

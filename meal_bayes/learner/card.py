@@ -67,7 +67,7 @@ def table_knowledge(table: PerceptTable, agent: Agent, settings: LearnerSettings
 
 
 def learned_html(knowledge: Knowledge, labels: Labels) -> str:
-    """Return what was learned as an HTML table, a row an attribute.
+    """Return what was learned as an HTML table, a row for each attribute.
 
     Parameters
     ----------

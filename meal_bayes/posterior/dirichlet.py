@@ -230,15 +230,15 @@ class ConfusionPosterior(ByValue):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return rows (U,2,K) of U pairs as they were before one object's percepts; precision.
 
-        Prior, dispersion and the probability that a pair tells anything stay as they are. Of the
-        weight of a level, of which the prior has a part, at least 2 % is left.
+        Prior, dispersion and the probability that a pair is informative do not change. At least
+        2 % of the weight of a level is left, because a part of the weight is the prior's.
 
         Parameters
         ----------
         attribute, behavior : NDArray[np.intp]
-            (U,) the pairs.
+            (U,) positions of the pairs.
         counts : NDArray[Any]
-            (U,2,K) what the object showed, counted before.
+            (U,2,K) percepts of the object, counted before.
         """
         dispersion = self.dispersion[attribute, behavior]
         counted = self.concentration[attribute, behavior]

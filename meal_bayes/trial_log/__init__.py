@@ -1,8 +1,9 @@
 """The record: trials to MCAP and back, the only store.
 
-In: `Trial`s and a header that describes the run. Out: one file a unit of work, equal for equal
-trials, readable by any MCAP tool; and from the file the equal `Trial`s, every byte checked. Where
-there are millions of trials, a compact log holds their outcomes as columns, and steps of some.
+This package writes `Trial`s, with a header that describes the run, into one file for each unit of
+work. Equal trials give equal files, and any MCAP tool can read them. Reading checks every byte and
+returns equal `Trial`s. For millions of trials, a compact log contains their outcomes as columns,
+and the steps of some.
 """
 
 from meal_bayes.trial_log.feedback import Change, Feedback

@@ -444,7 +444,7 @@ class OutcomeMessage:
 
 @dataclass(frozen=True, slots=True)
 class OutcomesMessage:
-    """Outcomes of many trials, a row a trial; the columns are those of `TrialOutcomes`."""
+    """Outcomes of many trials, a row for each trial; the columns are those of `TrialOutcomes`."""
 
     first: int  # number of the first trial in the file
     behaviors: tuple[str, ...]

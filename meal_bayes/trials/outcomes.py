@@ -1,4 +1,4 @@
-"""Outcomes of many trials in columns, a row a trial: all that measures need."""
+"""Outcomes of many trials in columns, a row for each trial: all that measures need."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence

@@ -328,7 +328,7 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
 
 
 def trials_frame(trials: Iterable[TrialRecord]) -> "pd.DataFrame":
-    """Return trials as a pandas data frame, a row a trial.
+    """Return trials as a pandas data frame, a row for each trial.
 
     Columns are agent, task, object, query, report, truth (the values named true, or missing),
     success (missing where the truth is not known), abstained, cost_s, reward, steps, certainty, the

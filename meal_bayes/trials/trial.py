@@ -118,7 +118,7 @@ class Trial(TrialRecord):
         return trial_picture(self, dark=dark, narrow=narrow)
 
     def _repr_html_(self) -> str:
-        """Return the picture, on light and on dark pages, and a table: a row a step."""
+        """Return the picture, on light and on dark pages, and a table: a row for each step."""
         before = believed(self, self.first_belief)
         header = ("", "action", "s", "percept", *(f"Pr({name})" for name, _ in before))
         rows = [("", "", "", "before", *(bar_html(p) for _, p in before))]

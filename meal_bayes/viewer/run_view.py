@@ -35,7 +35,7 @@ _LONG = 300  # characters of a fact
 
 
 class RunView:
-    """The measures of a run, one row a trial."""
+    """The measures of a run, one row for each trial."""
 
     def __init__(self, recorder: Recorder, header: Mapping[str, object]) -> None:
         self._to = recorder
