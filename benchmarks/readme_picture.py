@@ -19,6 +19,7 @@ from meal_bayes.look import (
 )
 
 ASSETS = Path(__file__).resolve().parents[1] / "docs" / "assets"
+NUMBER_WIDTH = 75.0  # of a reward beside its mark, in seconds of the axis
 INK = {False: "#1C2430", True: "#E8EBEF"}  # on a light and on a dark page
 
 
@@ -47,8 +48,8 @@ def draw_results(tables: Tables, *, dark: bool, narrow: bool = False) -> Axes:
                 _draw_reward(ax, row, height, label=label, dark=dark)
         rows = np.arange(len(runs))
         # In a narrow picture the line leaves room for the names of the questions.
-        top = rows - (0.34 if narrow else 0.6)
-        ax.vlines(0 * rows, top, rows + 0.5, color="#8A939E", lw=1.2, ls="--", label="declining")
+        top, bottom = (rows - 0.34, rows + 0.36) if narrow else (rows - 0.6, rows + 0.5)
+        ax.vlines(0 * rows, top, bottom, color="#8A939E", lw=1.2, ls="--", label="declining")
         ax.set_yticks(range(len(runs)), ["" if narrow else run.title for run in runs.values()])
         drawn = [row for name in runs for row in tables[name]["rows"] if row["agent"] in SUMMARIZED]
         left = min(row["reward_low"] for row in drawn) - 20.0
@@ -140,11 +141,15 @@ def _draw_reward(
         elinewidth=1.8,
         label=label,
     )
+    # A number that would lie on the line at 0 stands on the other side of the interval.
+    left = -NUMBER_WIDTH < row["reward_high"] < 0
     ax.annotate(
         f"{row['reward']:.0f}",
-        (row["reward_high"], height),
-        xytext=(6, 0),  # clear of the mark, also where the interval is shorter than it
+        (row["reward_low"] if left else row["reward_high"], height),
+        # Clear of the mark, also where the interval is shorter than it.
+        xytext=(-6 if left else 6, 0),
         textcoords="offset points",
+        ha="right" if left else "left",
         va="center",
         size=9,
         color=readable(color, dark=dark),

@@ -119,7 +119,7 @@ def test_more_attributes_than_there_are_cannot_be_asked(dataset):
 
 def test_nothing_to_ask_is_said(dataset):
     unknown = np.full_like(dataset.labels, -1)
-    with pytest.raises(SettingsError, match="no object of the train part"):
+    with pytest.raises(SettingsError, match="No object of the train part"):
         protocol(Dataset(dataset.domain, dataset.objects, dataset.features, unknown))
 
 
