@@ -187,8 +187,9 @@ def _of_bags(command: opt.Command) -> opt.Command:
                    "A feature of your own that the domain names; may be repeated.", multiple=True),
         opt.option("--markers", None, None, "TOPIC", "Topic whose texts mark the "
                    'executions: "lift: red mug" begins one, an empty text ends it.'),
-        opt.option("--executions", opt.FILE, None, "FILE.csv", "Table of the executions: bag,"
-                   "object,behavior,start,end; times in s since the bag's first message, or 1970."),
+        opt.option("--executions", click.Path(exists=True, dir_okay=False, path_type=Path), None,
+                   "FILE.csv", "Table of the executions: bag,object,behavior,start,end; times in s "
+                   "since the bag's first message, or since 1970."),
         opt.option("--domain", None, None, "FILE.toml",
                    "Your domain, with the sources of its modalities.", required=True),
     ):  # fmt: skip
