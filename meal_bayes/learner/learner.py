@@ -564,7 +564,9 @@ class Learner:
 
         Use the learner that began the trial, or one that was saved before and loaded since. It
         learns from the logged steps, and the trial continues after them, even if the agent would
-        now decide otherwise; then a warning says so. To end the trial instead, call `give_up`.
+        now decide otherwise; then a warning says so. The
+        agent decides when the session's `behavior` or `over` is read, so `cancel` costs no
+        planning. `give_up` ends the trial wherever the robot is.
 
         Parameters
         ----------

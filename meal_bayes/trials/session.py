@@ -247,6 +247,8 @@ class Session:
         self._running_part = "robot"  # for `Trial.ended`, if it raises
         self._begun = False
         self._ended: str | None = None
+        self._start_x = momdp.start
+        self._logged: tuple[Step, ...] | None = None  # steps of a log, behind which to decide yet
 
     def __enter__(self) -> Self:
         return self
@@ -270,7 +272,7 @@ class Session:
         recorder.begin(replace(self.trial, steps=(), report=None, ended=""))
         for step in self.steps:
             recorder.step(step)
-        if self.over:
+        if self._ended is not None:
             recorder.end(self.trial)
 
     def __repr__(self) -> str:
@@ -280,6 +282,7 @@ class Session:
     @property
     def behavior(self) -> str | None:
         """Name of the behavior to execute next; None if the session waits for nothing."""
+        self._decide_behind_log()
         if self._decision is None:
             return None
         return self.momdp.behavior_names[self._decision.action]
@@ -292,6 +295,7 @@ class Session:
     @property
     def over(self) -> bool:
         """Whether the trial has ended."""
+        self._decide_behind_log()
         return self._ended is not None
 
     @property
@@ -320,7 +324,8 @@ class Session:
         steps : Sequence[Step]
             Steps from the trial's log, executed before a restart. The trial continues after them,
             even if the policy would now decide otherwise; a warning names the first step that
-            differs.
+            differs. The policy decides when `behavior` or `over` is read, or when an outcome is
+            observed, so a trial that is cancelled before costs no planning.
 
         Raises
         ------
@@ -333,10 +338,14 @@ class Session:
             raise SettingsError("This trial has begun; ask again for another.")
         self.belief = self.belief.at(self._checker.start(state))
         self._begun = True
+        self._start_x = self.belief.x
         self.history = History(self.belief)
         for step in steps:
             self._repeat(step)
-        self._decide()
+        if steps and self._policy is not None and self._ended is None:
+            self._logged = tuple(steps)
+        else:
+            self._decide()
         return self
 
     @_alone
@@ -355,6 +364,7 @@ class Session:
         ImpossibleObservation
             The model gives the observation probability 0.
         """
+        self._repeat_decisions()
         decision = self._decision
         if decision is None:
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
@@ -413,7 +423,7 @@ class Session:
     @_alone
     def cancel(self, why: str = "cancelled") -> None:
         """End the trial without a report. A trial that is over does not change."""
-        if not self.over:
+        if self._ended is None:
             self._end(why)
 
     @_alone
@@ -425,29 +435,19 @@ class Session:
         SettingsError
             The trial is over, or the problem does not have or does not allow the action.
         """
-        if self.over:
+        if self._ended is not None:
             raise SettingsError("This trial is over; ask again for another.")
         if not isinstance(decision, Decision):
             raise SettingsError(f"command() takes a Decision; found {decision!r:.60}.")
         self._follow(decision)
 
     def _repeat(self, step: Step) -> None:
-        """Repeat a step of a log, whatever the policy decides now; the robot does not move.
+        """Repeat a step of a log; the robot does not move, and nothing is decided.
 
-        The policy decides all the same: its random stream goes on where it stood if it decides as
-        it did. What was perceived is evidence for the model that is held now.
+        What was perceived is evidence for the model that is held now.
         """
         momdp = self.momdp
         action = step.decision.action
-        if self._policy is not None:
-            with _breaking(self._end_by):
-                self._running_part = "planner"
-                decision = self._within(self._chosen(self._policy))[0]
-                self._running_part = "robot"
-            if decision.action != action and _OTHERWISE not in self._told:
-                self._told.add(_OTHERWISE)
-                then, now = (momdp.action_name(d.action) for d in (step.decision, decision))
-                warn_user(_OTHERWISE.format(len(self.steps), then, now))
         if action >= momdp.n_behaviors:
             right = self.task.query.report_truth(self._truth)
             self._append(answer_step(momdp, self.belief, step.decision, right, step.warning))
@@ -459,13 +459,43 @@ class Session:
             belief = self.belief.at(step.next_x)
         self._append(replace(step, belief=belief))
 
-    def _chosen(self, policy: Policy) -> Decision:
-        """Let the policy decide by what was done and perceived so far."""
-        return decide(policy, self.history, self.streams.of("planner", self.agent))
+    def _decide_behind_log(self) -> None:
+        """Decide, if the steps of a log have been repeated and nothing was decided since."""
+        if self._logged is not None:
+            with self._entrance.taken("The first decision behind a log"):
+                self._repeat_decisions()
+
+    def _repeat_decisions(self) -> None:
+        """Let the policy decide at each step of a log, then behind it.
+
+        At the log's steps nothing follows of it, but that its random stream goes on where it stood
+        if it decides as it did. Where it raises, the trial is as it was.
+        """
+        if self._logged is None or self._policy is None:
+            return
+        history = History(self._first.at(self._start_x))
+        for number, step in enumerate(self._logged):
+            decision = self._within(self._chosen(self._policy, history), history)[0]
+            action = step.decision.action
+            if decision.action != action and _OTHERWISE not in self._told:
+                self._told.add(_OTHERWISE)
+                then, now = (self.momdp.action_name(d.action) for d in (step.decision, decision))
+                warn_user(_OTHERWISE.format(number, then, now))
+            history = _after(history, self.steps[number])
+        decided = self._within(self._chosen(self._policy, history), history)
+        self._logged = None
+        with _breaking(self._end_by):
+            self._running_part = "planner"
+            self._follow(*decided)
+            self._running_part = "robot"
+
+    def _chosen(self, policy: Policy, history: History) -> Decision:
+        """Let the policy decide by what was done and perceived until then."""
+        return decide(policy, history, self.streams.of("planner", self.agent))
 
     def _end_by(self, fault: BaseException) -> None:
         """End the trial by an exception, unless it is over."""
-        if not self.over:
+        if self._ended is None:
             with _noted(fault, self._recorder):
                 text = f"{self._running_part} error: {type(fault).__name__}: {fault}"
                 self._end(text.removesuffix(": "))
@@ -474,28 +504,30 @@ class Session:
         """Let the policy choose the next behavior, or the report that ends the trial."""
         self._decision = None
         self._running_part = "robot"
-        if self._policy is None or self.over:
+        if self._policy is None or self._ended is not None:
             return
         with _breaking(self._end_by):
             self._running_part = "planner"
-            self._follow(*self._within(self._chosen(self._policy)))
+            chosen = self._chosen(self._policy, self.history)
+            self._follow(*self._within(chosen, self.history))
             self._running_part = "robot"
 
-    def _within(self, decision: Decision) -> tuple[Decision, str]:
+    def _within(self, decision: Decision, history: History) -> tuple[Decision, str]:
         """Return a decision, or the best answer where a limit is reached, with a warning."""
         if decision.action >= self.momdp.n_behaviors:
             return decision, ""
-        cost = self.history.cost + self.momdp.charged(decision.action, failed=False)
-        limit = self.limits.reached(len(self.steps), cost)
+        cost = history.cost + self.momdp.charged(decision.action, failed=False)
+        limit = self.limits.reached(len(history.actions), cost)
         if not limit:
             return decision, ""
-        answer = unvalued(self.momdp, best_answer(self.momdp, self.belief))
+        answer = unvalued(self.momdp, best_answer(self.momdp, history.belief))
         return answer, f"the best answer when {limit} was reached"
 
     def _follow(self, decision: Decision, answer_warning: str = "") -> None:
         """Wait for the outcome of a behavior, or end the trial with an answer."""
         momdp = self.momdp
         momdp.check_action(self.belief.x, decision.action)
+        self._logged = None  # whoever commands decides behind a log
         decision = replace(decision, momdp=momdp)
         if decision.action < momdp.n_behaviors:
             self._decision = decision
@@ -508,13 +540,7 @@ class Session:
         """Record a step, and end the trial where it leads to `term`."""
         self.steps.append(step)
         self.belief = step.belief
-        self.history = self.history.after(
-            step.belief,
-            step.decision.action,
-            perceived=step.observation is not None,
-            cost=step.cost,
-            unread=step.unread,
-        )
+        self.history = _after(self.history, step)
         if step.decision.action >= self.momdp.n_behaviors:
             self.report = self.momdp.reported(step.decision.action)
         # On the disk before the next behavior is named: a robot may go on after a crash.
@@ -530,6 +556,7 @@ class Session:
 
     def _end(self, why: str) -> None:
         self._ended = why
+        self._logged = None
         self._decision = None
         trial = self.trial
         try:
@@ -538,6 +565,17 @@ class Session:
         finally:  # what was executed is known, logged or not
             if self._on_end is not None:
                 self._on_end(trial)
+
+
+def _after(history: History, step: Step) -> History:
+    """Return the history behind a step."""
+    return history.after(
+        step.belief,
+        step.decision.action,
+        perceived=step.observation is not None,
+        cost=step.cost,
+        unread=step.unread,
+    )
 
 
 @contextmanager

@@ -248,12 +248,36 @@ def test_a_restart_with_other_knowledge_goes_on_from_the_log(dataset, make, tmp_
     other = make.learner(dataset, make.agent("lift", **make.ours), logs=tmp_path)
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     session._recorder._file.close()
+    resumed = other.resume(draft, state="table")
     with pytest.warns(UserWarning, match="with look at step 0, where the agent would .* for lift"):
-        resumed = other.resume(draft, state="table")
+        assert resumed.behavior is None  # it answers at once
     assert resumed.steps[0].decision.action == session.steps[0].decision.action
     resumed.cancel()
     assert len(other.experience.executions) == 1
     assert not list(tmp_path.rglob("*.active"))
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_a_resumed_trial_that_is_cancelled_is_not_planned(
+    dataset, make, tmp_path, monkeypatch, steps
+):
+    agent = make.agent(*PLAN, **make.ours)
+    learner = make.learner(dataset, agent, logs=tmp_path)
+    session = learner.begin("red")
+    arm = started(make.arm())
+    for _ in range(steps):
+        session.observe(arm.execute(session.behavior))
+    session._recorder._file.close()
+    again = make.learner(dataset, agent, logs=tmp_path)
+    decided = []
+    monkeypatch.setattr("meal_bayes.trials.session.decide", lambda *_: decided.append(1))
+    again.resume(state=arm.state).cancel("not wanted")
+    assert not decided
+    assert not list(tmp_path.rglob("*.active"))
+    (log,) = tmp_path.rglob("*.mcap")
+    (trial,) = read_trials(log)
+    assert (len(trial.steps), trial.ended) == (steps, "not wanted")
+    assert len(again.experience.executions) == steps
 
 
 def test_a_trial_is_given_up_without_its_agent(dataset, make, tmp_path):
