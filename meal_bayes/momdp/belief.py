@@ -113,6 +113,18 @@ def _coupled_truths(
 ) -> Truths:
     """Compute Pr(values) and its margins, from ln Pr(truth) (...,N,2) of each attribute alone."""
     values = value_table(len(momdp.query), momdp.query.groups)  # (Y,N)
+    log_joint = _log_joint(momdp, joint, of_truth)
+    # ln of the sums over the values in which each attribute is true, and false, (...,N)
+    true = np.logaddexp.reduce(np.where(values, log_joint[..., None], -np.inf), axis=-2)
+    false = np.logaddexp.reduce(np.where(values, -np.inf, log_joint[..., None]), axis=-2)
+    return Truths(true - false, np.exp(log_joint))
+
+
+def _log_joint(
+    momdp: MOMDP, joint: NDArray[np.float64], of_truth: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Compute ln Pr(values), (...,Y), from ln Pr(truth) (...,N,2) of each attribute alone."""
+    values = value_table(len(momdp.query), momdp.query.groups)  # (Y,N)
     alone = np.log(np.stack([1.0 - momdp.prior, momdp.prior], axis=1))  # (N,2)
     # ln Pr(percepts | truth), but for a constant; a truth that the prior rules out needs none.
     log_likelihood = np.where(np.isneginf(alone), 0.0, of_truth - alone)
@@ -121,11 +133,16 @@ def _coupled_truths(
     truth = values.astype(np.intp)  # of each attribute, by values
     attributes = np.arange(len(momdp.query))
     log_joint = np.log(joint) + log_likelihood[..., attributes, truth].sum(axis=-1)  # (...,Y)
-    log_joint -= np.logaddexp.reduce(log_joint, axis=-1, keepdims=True)
-    # ln of the sums over the values in which each attribute is true, and false, (...,N)
-    true = np.logaddexp.reduce(np.where(values, log_joint[..., None], -np.inf), axis=-2)
-    false = np.logaddexp.reduce(np.where(values, -np.inf, log_joint[..., None]), axis=-2)
-    return Truths(true - false, np.exp(log_joint))
+    return np.asarray(log_joint - np.logaddexp.reduce(log_joint, axis=-1, keepdims=True))
+
+
+def joint_tables(
+    momdp: MOMDP, joint: NDArray[np.float64], log_prob: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Compute Pr(values), (...,Y), from ln Pr(latent class) (...,N,C), and no margins."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # nan where no value is possible
+        of_truth = np.logaddexp.reduce(log_prob[..., None, :] + momdp.log_truth, axis=-1)
+        return np.asarray(np.exp(_log_joint(momdp, joint, of_truth)))
 
 
 class Transition(NamedTuple):

@@ -1,27 +1,18 @@
-"""Open-loop feedback control: follow the best plan, look again after every step [Bertsekas2005].
-
-The kernels multiply the errors of attributes, which are independent; values of a group are not, nor
-attributes with a joint prior. So there a plan's gain is averaged over percepts of objects drawn
-from the belief: a report after the plan is right with the largest posterior Pr(y), which every
-sample has exactly. The gain over reporting now is sampled as max_y b'(y) - b'(best report now),
-whose second part is b(best) on average: a plan that changes no report gains nothing, without noise.
-"""
+"""Open-loop feedback control: follow the best plan, look again after every step [Bertsekas2005]."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from meal_bayes.arrays import Floats, Ints
-from meal_bayes.momdp import MOMDP, Belief
-from meal_bayes.momdp.belief import percepts_left, truths_of
-from meal_bayes.momdp.observation import predictive, sample_rows
+from meal_bayes.arrays import Floats, Ints, plain_fields
+from meal_bayes.errors import SettingsError
+from meal_bayes.momdp import MOMDP, Belief, answer_value
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, paid_share
+from meal_bayes.planners.plans.coupled import PERCEPTS, SAMPLES, CoupledPlans
 from meal_bayes.planners.plans.library import plan_library
 from meal_bayes.planners.plans.values import Plans, plan_values
 from meal_bayes.planners.solver import Decision, History, choose
-
-_SAMPLES = 192
-_PERCEPTS = 6  # of one behavior that a plan looks ahead to
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +24,25 @@ class OpenLoop:
     outcome that is not the likeliest a plan goes back and tries again (see `paths`), or the
     policy does better. It takes any MOMDP, and microseconds a decision. Where attributes are
     coupled, as the values of a group are, their errors are no product: then plans are valued by
-    sampled percepts, in milliseconds.
+    all percepts that may come, or by samples of them, in milliseconds.
+
+    Attributes
+    ----------
+    samples : int
+        Objects and percepts that are sampled to value plans of coupled attributes, 2 or more.
     """
+
+    samples: int = SAMPLES
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
+        if self.samples < 2:
+            raise SettingsError(f"OpenLoop: samples is {self.samples}; a mean needs two or more.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
         """Build the plan library; nothing in it is random."""
         model = arrays_of(momdp)
-        return OpenLoopPolicy(momdp, model, plan_library(momdp, model))
+        return OpenLoopPolicy(momdp, model, plan_library(momdp, model), self.samples)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,7 @@ class OpenLoopPolicy:
     momdp: MOMDP
     model: MOMDPArrays
     plans: Plans
+    samples: int = SAMPLES
     deterministic: bool = True
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -69,26 +73,39 @@ class OpenLoopPolicy:
         """Estimate the value (E,) of the best plan of each first behavior, its bonus and its error.
 
         The value is -inf where there is no plan. The error (E,) is the standard error of the mean
-        over the sampled objects and percepts.
+        over sampled outcomes, 0 where all outcomes are enumerated.
         """
+        momdp = self.momdp
         from_x = slice(*self.plans.first[belief.x : belief.x + 2])
         plan = self.plans.plan[from_x]
         planned = self.plans.observation_counts[from_x]
-        total = belief.shown
-        most = np.minimum(np.maximum(percepts_left(self.momdp, belief), 0), _PERCEPTS)
+        most = np.minimum(np.maximum(percepts_left(momdp, belief), 0), PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
-        ending, error = _ending_of_plans(self.momdp, belief, coming, rng)
-        value = plan["discount"] * ending - plan["cost"]
-        if plan["lost"].any():
-            value += plan["lost"] * _lost_ending(self.momdp, belief, rng)
+        # Plans with equal percepts end alike.
+        counts, row = np.unique(coming, axis=0, return_inverse=True)
+        row = row.ravel()
+        # lost S - cost, where S is what an answer at once is worth
+        fixed = plan["lost"] * answer_value(momdp, belief) - plan["cost"]
         pay = np.zeros(len(plan))
         if self.model.shaped:
-            fraction = paid_share(self.model.bonus_limit, total, planned)
+            fraction = paid_share(self.model.bonus_limit, belief.shown, planned)
             expected_percepts = self.plans.expected_percepts[from_x]
             pay = (expected_percepts * fraction * (coming > 0)) @ _mean_bonus(self.model, belief)
-            value += pay
-        error = plan["discount"] * error
-        return _best_by_first(value, pay, error, plan["action"], self.momdp.n_behaviors)
+        ends = CoupledPlans(momdp, belief, counts, rng, self.samples)
+        endings = ends.endings()
+        value = fixed + pay + plan["discount"] * endings.value[row]
+        best = _best_by_first(value, plan["action"], momdp.n_behaviors)
+        has_plan = best >= 0
+        chosen = best[has_plan]
+        endings = ends.fresh(endings, np.unique(row[chosen]))
+        values = np.full(momdp.n_behaviors, -np.inf)
+        bonus = np.zeros(momdp.n_behaviors)
+        error = np.zeros(momdp.n_behaviors)
+        discount = plan["discount"][chosen]
+        bonus[has_plan] = pay[chosen]
+        values[has_plan] = (fixed + pay)[chosen] + discount * endings.value[row[chosen]]
+        error[has_plan] = discount * endings.error[row[chosen]]
+        return values, bonus, error
 
 
 def _mean_bonus(model: MOMDPArrays, belief: Belief) -> Floats:
@@ -97,125 +114,9 @@ def _mean_bonus(model: MOMDPArrays, belief: Belief) -> Floats:
     return np.asarray((model.bonus * truth[:, None]).sum(axis=(0, 2)))
 
 
-def _best_by_first(
-    value: Floats, pay: Floats, error: Floats, action: Ints, n_behaviors: int
-) -> tuple[Floats, Floats, Floats]:
-    """Return value, pay and error (E,) of the best plan of each first behavior."""
-    best = np.full(n_behaviors, -np.inf)
-    np.maximum.at(best, action, value)
-    pay_of_best = np.zeros(n_behaviors)
-    is_best = value == best[action]
-    pay_of_best[action[is_best]] = pay[is_best]
-    error_of_best = np.zeros(n_behaviors)
-    error_of_best[action[is_best]] = error[is_best]
-    return best, pay_of_best, error_of_best
-
-
-def _ending_of_plans(
-    momdp: MOMDP, belief: Belief, coming: Ints, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Estimate the value of the best report where plans (J,) end, and its standard error (J,).
-
-    They end after so many percepts of each behavior (J,E). Those with equal percepts are valued
-    once.
-    """
-    counts, row = np.unique(coming, axis=0, return_inverse=True)
-    value, error = _ending(momdp, belief, counts, rng)
-    return value[row.ravel()], error[row.ravel()]
-
-
-def _lost_ending(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> Floats:
-    """Value an answer at once, without a percept."""
-    no_percepts = np.zeros((1, momdp.n_behaviors), int)
-    return _ending(momdp, belief, no_percepts, rng)[0]
-
-
-def _ending(
-    momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Estimate the value of the best report after so many percepts (J,E), and its error (J,)."""
-    reports = momdp.reports
-    if reports.event is None:
-        right, error = _right(momdp, belief, counts, rng)
-        earned = reports.of_right(np.array([[0.0], [1.0]]))  # by a wrong report, and a right one
-        return reports.of_right(right[:, None]), float(np.ptp(earned)) * error
-    now = reports.answers(reports.probability(belief))  # (2,)
-    evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
-    ending: Floats = np.full(len(counts), now.max())
-    error = np.zeros(len(counts))
-    for j, percepts in enumerate(counts):
-        behaviors = np.flatnonzero(percepts)
-        after = belief.log_prob + evidence[percepts[behaviors], behaviors].sum(axis=0)  # (S,N,C)
-        answers = reports.answers(reports.probability(truths_of(momdp, after)))
-        gain = answers.max(axis=1) - answers[:, now.argmax()]
-        ending[j] += gain.mean()
-        error[j] = gain.std(ddof=1) / np.sqrt(_SAMPLES)
-    return ending, error
-
-
-def _right(
-    momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Estimate Pr(the best report is right) after so many percepts (J,E), and its error (J,)."""
-    evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
-    best = [row.argmax() for row in belief.factors]
-    right = np.full(len(counts), belief.certainty)
-    error = np.zeros(len(counts))
-    for j, count in enumerate(counts):
-        behavior = np.flatnonzero(count)
-        after = belief.log_prob + evidence[count[behavior], behavior].sum(axis=0)  # (S,N,C)
-        likeliest = np.ones(_SAMPLES)  # Pr(the report that is best after the percepts)
-        unchanged = np.ones(_SAMPLES)  # Pr(the report that is best now)
-        factors = truths_of(momdp, after).factors(momdp.query.groups)
-        for probability, value in zip(factors, best, strict=True):
-            likeliest = likeliest * probability.max(axis=1)
-            unchanged = unchanged * probability[:, value]
-        gain = likeliest - unchanged
-        right[j] += gain.mean()
-        error[j] = gain.std(ddof=1) / np.sqrt(_SAMPLES)
-    return right, error
-
-
-def _sampled_truths(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> Ints:
-    """Sample truths (S,N) from the belief."""
-    if belief.joint_table is not None:
-        # Evenly spaced quantiles: each value vector comes as often as expected, to within one.
-        quantiles = (np.arange(_SAMPLES) + rng.random()) / _SAMPLES
-        cumulative = belief.joint_table.cumsum()
-        number = np.searchsorted(cumulative, quantiles * cumulative[-1], side="right")
-        values = momdp.query.values.astype(int)
-        return np.asarray(values[number.clip(max=len(cumulative) - 1)])
-    truth = np.zeros((_SAMPLES, len(momdp.query)), int)
-    for indices, prob in zip(momdp.query.variables, belief.marginals, strict=True):
-        value = rng.choice(len(prob), _SAMPLES, p=prob / prob.sum())
-        truth[:, indices] = (value[:, None] == np.arange(len(prob)))[:, -len(indices) :]
-    return truth
-
-
-def _sampled_evidence(momdp: MOMDP, belief: Belief, most: int, rng: np.random.Generator) -> Floats:
-    """Sample objects and percepts -> ln Pr(first u percepts of behavior e | class), (U+1,E,S,N,C).
-
-    Behaviors come before samples, so that a plan picks its own with one index.
-    """
-    n, e, k = belief.percept_counts.shape
-    attributes = np.arange(n)
-    truth = _sampled_truths(momdp, belief, rng)
-    # The class: Pr(c | truth, percepts) ~ Pr(c | percepts) Pr(truth | c)
-    joint = np.exp(belief.log_prob + momdp.log_truth.transpose(1, 0, 2))[truth, attributes]
-    below = joint.cumsum(axis=2) < rng.random((_SAMPLES, n, 1)) * joint.sum(axis=2)[..., None]
-    latent = below.sum(axis=2)  # (S,N)
-    means = momdp.confusion[attributes, :, latent]
-    precisions = momdp.precision[attributes, :, latent]
-    rows = sample_rows(means, precisions, belief.percept_counts, rng)  # (S,N,E,K)
-    # Percepts of these rows, one after the other, and what each says of every class.
-    counts = np.tile(belief.percept_counts, (_SAMPLES, 1, 1, 1))
-    sample, attribute, behavior = np.ogrid[:_SAMPLES, :n, :e]
-    evidence = np.zeros((most + 1, e, _SAMPLES, n, momdp.n_classes))
-    for u in range(most):
-        z = (rows.cumsum(axis=3) <= rng.random((_SAMPLES, n, e, 1))).sum(axis=3).clip(max=k - 1)
-        mean = momdp.confusion[attribute, behavior, :, z]
-        count = counts[sample, attribute, behavior, z, None]
-        prob = predictive(mean, momdp.precision, count, counts.sum(axis=3)[..., None])
-        evidence[u + 1] = evidence[u] + np.log(prob.clip(1e-300)).transpose(2, 0, 1, 3)
-        counts[sample, attribute, behavior, z] += 1
-    return evidence
+def _best_by_first(value: Floats, action: Ints, n_behaviors: int) -> Ints:
+    """Return the best plan of each first behavior, (E,); -1 where there is none."""
+    best = np.full(n_behaviors, -1)
+    ascending = np.argsort(value, kind="stable")
+    best[action[ascending]] = ascending  # the last one written is the best
+    return best

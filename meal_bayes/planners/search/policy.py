@@ -28,6 +28,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept, percepts_left
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, dynamics_of
+from meal_bayes.planners.plans.coupled import SAMPLES
 from meal_bayes.planners.plans.library import plan_library, retabulate
 from meal_bayes.planners.plans.paths import diagram_of
 from meal_bayes.planners.plans.policy import OpenLoopPolicy
@@ -60,7 +61,8 @@ class POMCP:
     Attributes
     ----------
     simulations : int
-        Maximum number of simulations of a decision.
+        Maximum number of simulations of a decision. If attributes are coupled, nothing is searched:
+        open-loop plans are valued by as many samples, and by 256 at least.
     milliseconds : float | None
         CPU time of a decision, ms, in place of a
         number of simulations. If earlier simulations at this x took longer than the limit allows,
@@ -160,7 +162,8 @@ class POMCPPolicy:
         momdp = self.momdp
         belief = history.belief
         if momdp.coupled:  # nodes of the tree hold attributes that are independent
-            return OpenLoopPolicy(momdp, self.model, self.plans).decide(history, rng)
+            samples = max(SAMPLES, self.settings.simulations)
+            return OpenLoopPolicy(momdp, self.model, self.plans, samples).decide(history, rng)
         end = None
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
