@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from meal_bayes.domain import load_domain
-from meal_bayes.momdp import Objective, Transition, initial_belief, update_belief
+from meal_bayes.domain import Event, Query, domain_from_table, load_domain
+from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import POMCP, History, OpenLoop
 from meal_bayes.planners.momdp_arrays import arrays_of
 from meal_bayes.planners.plans.library import plan_library
@@ -208,3 +210,80 @@ def test_what_cannot_be_undone_is_never_planned(small):
     _, plans = made(replace(momdp, bonus=np.array([[[900.0, 900.0], [90.0, 90.0], [0.0, 0.0]]])))
     for x, (start, end) in enumerate(itertools.pairwise(plans.first)):
         assert momdp.legal[x, plans.plan["action"][start:end]].all()
+
+
+def graded(seed, levels, *, n=1, finite=False, yes_or_no=False):
+    """Draw a problem of two behaviors that look, from one state, and tell one of some levels."""
+    rng = np.random.default_rng(seed)
+    domain = domain_from_table({
+        "name": "graded", "attributes": ["a", "b"], "report_reward": 100.0,
+        "behaviors": [
+            {"name": name, "cost": float(rng.uniform(0.5, 5)), "modalities": ["camera"]}
+            for name in ("look", "lift")
+        ],
+        "diagram": {"states": ["x0"], "start": "x0", "effects": [
+            {"from": "x0", "do": name, "to": "x0"} for name in ("look", "lift")
+        ]},
+    })  # fmt: skip
+    event = Event(tuple((rng.random(n) < 0.5).tolist()), bool(rng.integers(2)))
+    return build_momdp(
+        domain,
+        Query(domain.attributes[:n], event=event if yes_or_no else None),
+        rng.dirichlet(np.ones(levels), (n, 2, 2)),
+        rng.uniform(0.5, 20.0, (n, 2, 2)) if finite else np.inf,
+        limit=1,
+        prior=rng.uniform(0.2, 0.8, n),
+    )
+
+
+def worth_of(optimum, x, seen, plan):
+    """Value a sequence of behaviors and the best answer after it, by plain recursion."""
+    if not plan:
+        return optimum.stop(x, seen)
+    first, *rest = plan
+    return optimum.edge(x, seen, first, lambda x, seen: worth_of(optimum, x, seen, rest))
+
+
+@given(
+    seed=st.integers(0, 2**32),
+    levels=st.sampled_from([2, 4, 6, 8]),
+    n=st.integers(1, 2),
+    finite=st.booleans(),
+)
+def test_plans_of_graded_percepts_are_exact_where_nothing_is_merged(small, seed, levels, n, finite):
+    momdp = graded(seed, levels, n=n, finite=finite)
+    optimum = small.expectimax(momdp)
+    seen = optimum.nothing_seen()
+    decision = OpenLoop().solve(momdp, RNG).decide(small.start(momdp), RNG)
+    plans = [[], [0], [1], [0, 1], [1, 0]]
+    best = max(worth_of(optimum, momdp.start, seen, plan) for plan in plans)
+    valued = np.nanmax(decision.values)
+    assert valued <= optimum.value(momdp.start, seen) + 1e-9
+    if levels <= 4:
+        assert valued == pytest.approx(best)
+    else:  # the longer plan may be sifted out
+        singles = [worth_of(optimum, momdp.start, seen, plan) for plan in plans[:3]]
+        assert valued >= max(singles) - 1e-9
+
+
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 2), finite=st.booleans())
+def test_one_graded_look_is_worth_the_optimum(small, seed, n, finite):
+    """Where one behavior looks once, by hand: the best answer after each percept."""
+    momdp = graded(seed, 4, n=n, finite=finite)
+    momdp = replace(momdp, limit=np.array([1.0, 0.0]))
+    optimum = small.expectimax(momdp)
+    decision = OpenLoop().solve(momdp, RNG).decide(small.start(momdp), RNG)
+    best = optimum.value(momdp.start, optimum.nothing_seen())
+    assert np.nanmax(decision.values) == pytest.approx(best)
+    assert (decision.action == 0) == (best > decision.values[-1] + 1e-9)
+
+
+@given(seed=st.integers(0, 2**32), finite=st.booleans())
+def test_graded_looks_for_yes_or_no_are_worth_no_more_than_the_optimum(small, seed, finite):
+    momdp = graded(seed, 4, n=2, finite=finite, yes_or_no=True)
+    optimum = small.expectimax(momdp)
+    seen = optimum.nothing_seen()
+    decision = OpenLoop().solve(momdp, RNG).decide(small.start(momdp), RNG)
+    for a in np.flatnonzero(~np.isnan(decision.values[:-1])).tolist():
+        best = optimum.edge(momdp.start, seen, a, optimum.value)
+        assert decision.values[a] <= best + 1e-9

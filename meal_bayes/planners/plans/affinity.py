@@ -1,14 +1,17 @@
 """What percepts tell, cheaply: plans are grown and sifted by the Bhattacharyya coefficient.
 
-The coefficient of k percepts is sum_j sqrt(Pr(j of k say yes | true) Pr(j of k say yes | false)): 1
-where they tell nothing, 0 where they tell all. An error is at most sqrt(b (1 - b)) times the
-coefficient [Kailath1967], which is the product of the behaviors' where their percepts are
-independent given the truth; with shared latent classes that is no bound, but an estimate.
+The coefficient of k percepts is the sum of sqrt(Pr(j | true) Pr(j | false)) over the numbers j of
+them that are of each level: 1 where they tell nothing, 0 where they tell all. An error is at most
+sqrt(b (1 - b)) times the coefficient [Kailath1967], which is the product of the behaviors' where
+their percepts are independent given the truth; with shared latent classes that is no bound, but an
+estimate.
 """
+
+from typing import Any
 
 import numpy as np
 
-from meal_bayes.arrays import Floats, yes_of
+from meal_bayes.arrays import Floats
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Conjunction, mean_reward
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, paid_share
@@ -21,21 +24,50 @@ COUNTED = 8
 def log_affinities(model: MOMDPArrays) -> Floats:
     """Compute the log of the coefficient of k percepts of a behavior, (N,E,U) for k < U."""
     percepts = model.percepts
-    yes = yes_of(percepts.rows)[..., None]  # (N,E,C,1)
-    s = percepts.precision[..., None]
-    j = np.arange(COUNTED)
-    counts = np.zeros((*yes.shape[:3], COUNTED))  # Pr(j of k say yes | class)
-    counts[..., 0] = 1.0
-    log_affinity = np.zeros((*yes.shape[:2], COUNTED))
+    rows = _merged_levels(percepts.rows)
+    s = percepts.precision
+    # Pr(how k percepts share the levels | class), (N,E,C,U,...): every level but the lowest has an
+    # axis, of how many percepts are of it.
+    above = rows.shape[3] - 1
+    axes = (None,) * above
+    counts = np.zeros((*rows.shape[:3], *(COUNTED,) * above))
+    counts[(..., *(0,) * above)] = 1.0
+    log_affinity = np.zeros((*rows.shape[:2], COUNTED))
+    shared = np.indices((COUNTED,) * above)
     for k in range(COUNTED - 1):
-        # Polya's urn: P(j + 1 of k + 1) = P(j of k) Pr(yes | j of k), class by class.
-        more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
-        counts[..., :-1] -= more
-        counts[..., 1:] += more
-        by_truth = percepts.class_of_truth[:, None] @ counts  # (N,E,2,U)
-        affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
-        log_affinity[..., k + 1] = np.log(affinity + 1e-300)
+        # Polya's urn: P(j + 1 of k + 1) = P(j of k) Pr(level | j of k), class by class.
+        moves = []
+        for z in range(above):
+            rate = predictive(rows[(..., z + 1, *axes)], s[(..., *axes)], shared[z], k)
+            lower = _cut(z, above, slice(None, -1))
+            moves.append((lower, _cut(z, above, slice(1, None)), (counts * rate)[lower]))
+        for lower, _, more in moves:
+            counts[lower] -= more
+        for _, upper, more in moves:
+            counts[upper] += more
+        counts.clip(0.0, out=counts)  # of rounding
+        flat = counts.reshape(*counts.shape[:3], -1)
+        by_truth = percepts.class_of_truth[:, None] @ flat  # (N,E,2,J)
+        affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])
+        if above == 1:
+            affinity = affinity[..., : k + 2]
+        log_affinity[..., k + 1] = np.log(affinity.sum(axis=-1) + 1e-300)
     return np.where(percepts.informative[..., None], log_affinity, 0.0)
+
+
+def _cut(axis: int, axes: int, part: slice) -> tuple[Any, ...]:
+    """Return the index of a part of one of the last axes, and of all else."""
+    return (..., *(part if other == axis else slice(None) for other in range(axes)))
+
+
+def _merged_levels(rows: Floats) -> Floats:
+    """Merge levels (...,K) to four at most, two that say no and two that say yes."""
+    half = rows.shape[-1] // 2
+    if half <= 2:
+        return rows
+    inner = half // 2
+    starts = [0, half - inner, half, half + inner]
+    return np.asarray(np.add.reduceat(rows, starts, axis=-1))
 
 
 def estimate_values(

@@ -1,8 +1,8 @@
 """Kernels of the Bayes error of an attribute after an open-loop plan: E min(b, 1 - b).
 
-It is exact where percepts are yes or no, and few. Graded ones are cut to yes/no, and outcomes of
-like likelihood ratio merged at the capacity; both can only raise the error, so the value of a plan
-stays a lower bound.
+It is exact where the outcomes of a plan's percepts fit the capacity. Else outcomes of like
+likelihood ratio are merged, and graded percepts of a behavior that still do not fit are cut to yes
+or no; both can only raise the error, so the value of a plan stays a lower bound.
 """
 
 from typing import NamedTuple
@@ -77,6 +77,7 @@ class Scratch(NamedTuple):
     outcomes: Floats  # (C,M) Pr(outcome of a plan's percepts, latent class)
     bins: Floats  # (C,M) the same, while it is merged or counted
     truths: Floats  # (2,M) Pr(outcome of a plan's percepts, truth)
+    graded: Ints  # (K,) percepts of each level, of one outcome
     chance: Floats  # (N,) Pr(attribute is true)
     threshold: Ints  # (N,) the decision threshold that was best last
     guess: Floats  # (J,) tabulated values of plans that must be computed
@@ -107,6 +108,7 @@ def make_scratch(
         outcomes=np.empty((c, capacity)),
         bins=np.empty((c, capacity)),
         truths=np.empty((2, capacity)),
+        graded=np.zeros(k, np.int64),
         chance=np.zeros(n),
         threshold=np.zeros(n, np.int64),
         guess=np.zeros(plans),
@@ -150,6 +152,58 @@ def _count_yes(percepts, row, k, scratch):
             p = out[c, j]
             out[c, j + 1] += p * q
             out[c, j] = p * (1.0 - q)
+
+
+@kernel
+def _level_counts(levels, k, most):
+    """Count how k percepts may share the levels, (k + K - 1 over k); `most` + 1 where more."""
+    ways = 1
+    for z in range(1, levels):
+        ways = ways * (k + z) // z
+        if ways > most:
+            return most + 1
+    return ways
+
+
+@called_kernel
+def _count_levels(percepts, row, k, scratch):
+    """Compute Pr(how the next k percepts share the levels | class) -> row c of `bins`.
+
+    Outcomes are in an order that k and the number of levels alone decide, the same for all classes.
+    """
+    i, e, c = row
+    evidence = scratch.evidence
+    graded = scratch.graded
+    top = graded.shape[0] - 1
+    total = 0.0
+    for z in range(top + 1):
+        total += evidence.counts[i, e, z]
+    s = percepts.precision[i, e, c]
+    graded[:] = 0
+    graded[0] = k
+    outcome = 0
+    while True:
+        # Polya's urn: the lowest level first, times the orders in which these levels may come.
+        p = 1.0
+        past = 0
+        for z in range(top + 1):
+            mean = percepts.rows[i, e, c, z]
+            seen = evidence.counts[i, e, z]
+            for j in range(graded[z]):
+                p *= predictive(mean, s, seen + j, total + past) * (past + 1) / (j + 1)
+                past += 1
+        scratch.bins[c, outcome] = p
+        outcome += 1
+        if graded[top] == k:
+            break
+        # The next composition of k [Nijenhuis1978, NEXCOM].
+        first = 0
+        while graded[first] == 0:
+            first += 1
+        number = graded[first]
+        graded[first] = 0
+        graded[0] = number - 1
+        graded[first + 1] += 1
 
 
 @kernel
@@ -211,6 +265,7 @@ def _enumerate(percepts, weights, counts, i, scratch):
     outcomes = scratch.outcomes
     bins = scratch.bins
     classes, capacity = outcomes.shape
+    levels = percepts.rows.shape[3]
     m = np.int64(1)
     for e in range(counts.shape[0]):
         if counts[e] == 0 or not percepts.informative[i, e]:
@@ -220,23 +275,37 @@ def _enumerate(percepts, weights, counts, i, scratch):
         remaining = min(float(counts[e]), percepts.limit[e] - scratch.evidence.total[e])
         while remaining > 0.0:
             k = int(min(remaining, float(_GROUP)))
+            size = k + 1
+            by_level = False
+            if levels > 2:
+                # All of them by their levels, where these outcomes fit, if need be once those so
+                # far are merged.
+                all_left = int(min(remaining, float(capacity)))
+                graded = _level_counts(levels, all_left, capacity)
+                by_level = graded * min(m, capacity // _SHARE_KEPT) <= capacity
+                if by_level:
+                    k = all_left
+                    size = graded
             remaining = remaining - k if percepts.rows_known[e] else 0.0
-            if m * (k + 1) > capacity:
+            if m * size > capacity:
                 m = _merge(weights, i, m, scratch)
             # Pr(outcome, j of k | class) = Pr(outcome | class) Pr(j of k | class), in place, from
             # the last outcome down, as each makes way for k + 1.
             for c in range(classes):
-                _count_yes(percepts, Row(i, e, c), k, scratch)
+                if by_level:
+                    _count_levels(percepts, Row(i, e, c), k, scratch)
+                else:
+                    _count_yes(percepts, Row(i, e, c), k, scratch)
                 # Held apart, as to read them between writes takes 15 % of a search.
                 no = bins[c, 0]
                 yes = bins[c, 1]
                 for a in range(m - 1, -1, -1):
                     u = outcomes[c, a]
-                    for j in range(k, 1, -1):
-                        outcomes[c, a * (k + 1) + j] = u * bins[c, j]
-                    outcomes[c, a * (k + 1) + 1] = u * yes
-                    outcomes[c, a * (k + 1)] = u * no
-            m *= k + 1
+                    for j in range(size - 1, 1, -1):
+                        outcomes[c, a * size + j] = u * bins[c, j]
+                    outcomes[c, a * size + 1] = u * yes
+                    outcomes[c, a * size] = u * no
+            m *= size
     return m
 
 

@@ -6,13 +6,13 @@ precisely as they must, from the cheapest computation to the finest:
 
 - *grow* takes the fewest errors that can be, from the Bhattacharyya coefficient of the percepts:
   values from above, so that no plan ends before what could still pay (a bound where percepts are of
-  two levels and independent given the truth, else an estimate);
+  four levels at most and independent given the truth, else an estimate);
 - *sift* takes the most errors that can be, by the same coefficient: values from below (a bound
   where percepts are independent given the truth; with shared latent classes an estimate, and of yes
   or no, where half of the errors are taken for misses, half for false alarms);
-- *compete* enumerates the percepts, cut to yes or no; where outcomes would be too many, those that
-  say nearly the same are merged (`bayes_error.FEW_OUTCOMES`). Errors are never too few: values from
-  below again, and close ones;
+- *compete* enumerates the percepts; where outcomes would be too many, those that say nearly the
+  same are merged, and levels cut to yes or no (`bayes_error.FEW_OUTCOMES`). Errors are never too
+  few: values from below again, and close ones;
 - *complete* does so once more for the winners, and for what remains of them after a percept, with
   more outcomes (`bayes_error.OUTCOMES`). These tables are what planners read.
 

@@ -440,8 +440,10 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
     place of the best of their first behavior, and errors computed before are used: an attribute's
     belief is the same after equal `scratch.column`.
 
-    With `drop_useless`, behaviors that cannot help have the value -inf. Their plans, computed in
-    other ways than what remains of them, may seem worth more; a robot would follow them for ever.
+    With `drop_useless`, as where a robot decides, behaviors that cannot help have the value -inf.
+    Their plans, computed in other ways than what remains of them, may seem worth more; a robot
+    would follow them for ever. Then the best plans of graded percepts are computed, too: their many
+    outcomes fall between the thresholds of the tables.
     """
     plans = evaluator.plans
     scratch = evaluator.scratch
@@ -449,6 +451,7 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
     _locate(evaluator, prob)
     scratch.lost[0] = np.inf  # not computed
     best_only = floor > -np.inf
+    graded = drop_useless and evaluator.model.percepts.rows.shape[3] > 2
     best = floor
     if not best_only:
         scratch.error[:] = -1.0
@@ -480,8 +483,10 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
         value = _plan_value(
             evaluator, evaluator.model.conjunction, j, prob, lowest, enumerated, best_only
         )
+        if enumerated and graded and _is_tabled(evaluator, j):  # both are bounds from below
+            value = max(value, guess)
         promising = value > lowest
-        waits = promising and not enumerated and not _is_tabled(evaluator, j)
+        waits = promising and not enumerated and (graded or not _is_tabled(evaluator, j))
         if not enumerated:
             scratch.guess[turn] = value if waits else -np.inf
         if promising and not waits:
