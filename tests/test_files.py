@@ -62,6 +62,7 @@ def test_text_and_bytes_are_written_into_new_folders(tmp_path):
     assert len({path.stat().st_mode for path in (tmp_path / "a").iterdir()}) == 1
 
 
+@pytest.mark.quick(12)
 @pytest.mark.parametrize("kind", ["folder", "pipe", "device", "linked pipe"])
 @pytest.mark.parametrize(
     "read",
@@ -239,6 +240,7 @@ DOORS = {
 }
 
 
+@pytest.mark.quick(18)
 @pytest.mark.parametrize("door", DOORS)
 @pytest.mark.parametrize("kind", ["long", "loop", "closed", "half a character"])
 def test_paths_that_the_system_refuses_are_our_errors(tmp_path, monkeypatch, door, kind):

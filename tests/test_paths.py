@@ -146,6 +146,7 @@ PLACES = {
 }
 
 
+@pytest.mark.quick(34)
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("kind", PLACES)
 def test_what_is_no_file_to_read_is_one_line(reader, kind, tmp_path):

@@ -61,6 +61,7 @@ def test_prior_answers_by_base_rates_and_touches_nothing(table, make):
         np.testing.assert_array_equal(trial.report, step.belief.positive > 0.5)
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("name", AGENTS)
 def test_every_agent_runs_and_repeats_itself(table, make, name):
     agent = fast(name)
@@ -249,6 +250,7 @@ def run(agent, query, o):
     return learner.ask(Task("weight?", query, o, name, ("groups", name)), None)
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("agent", sorted(AGENTS))
 def test_every_agent_reports_one_value(agent, tmp_path):
     trial = run(agent, WEIGHT, 7)

@@ -94,6 +94,7 @@ def file(run):
     return Path("a.mcap")
 
 
+@pytest.mark.quick(20)
 @pytest.mark.parametrize("kind", FOREIGN)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_says_whose_a_file_is(fails, file, command, kind):
@@ -106,6 +107,7 @@ def test_a_command_says_whose_a_file_is(fails, file, command, kind):
     assert [path.name for path in Path().iterdir()] == ["a.mcap"]
 
 
+@pytest.mark.quick(20)
 @pytest.mark.parametrize("kind", FOREIGN)
 @pytest.mark.parametrize("reader", READERS)
 def test_a_reader_says_whose_a_file_is(file, reader, kind):

@@ -34,6 +34,7 @@ CASES = [
 ]
 
 
+@pytest.mark.quick(21)
 @pytest.mark.parametrize(
     ("command", "option", "value"),
     CASES,
@@ -111,6 +112,7 @@ def value_options(command, words=()):
             yield (*words, max(parameter.opts, key=len))
 
 
+@pytest.mark.quick(15)
 @pytest.mark.parametrize("words", list(value_options(main)), ids=" ".join)
 def test_an_empty_word_is_no_value(fails, words, tmp_path):
     *command, option = words

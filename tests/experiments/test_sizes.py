@@ -18,6 +18,7 @@ COUNTS = {
 CASES = [(config, name) for config, names in COUNTS.items() for name in names]
 
 
+@pytest.mark.quick(15)
 @pytest.mark.parametrize("count", [0, -1, 10**9, 2.5, math.nan, math.inf, "5", None, True])
 @pytest.mark.parametrize(("config", "name"), CASES)
 def test_a_count_is_a_whole_number_within_reason(config, name, count):

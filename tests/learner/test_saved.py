@@ -270,6 +270,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
+@pytest.mark.quick(12)
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_what_is_not_a_learner_is_one_line(saved, agent, kind):
     rewritten(saved, HOSTILE[kind])
@@ -298,6 +299,7 @@ def damaged(values, kind, place):
     return values
 
 
+@pytest.mark.quick(4)
 @pytest.mark.filterwarnings("ignore:'l")  # a behavior yields nothing
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("kind", ["NaN", "inf", "-1", "too large", "shape", "dtype"])

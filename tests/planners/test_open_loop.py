@@ -147,6 +147,7 @@ def values_at(problem, plans, x, weight, seen=None):
     return best_plans(evaluator, x, weight[None]).value[0]
 
 
+@pytest.mark.quick(10)
 @pytest.mark.parametrize("name", DOMAINS)
 @pytest.mark.parametrize("precision", [5.0, np.inf])
 @pytest.mark.parametrize(

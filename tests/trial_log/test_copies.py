@@ -38,6 +38,7 @@ def log(tmp_path):
     return tmp_path / "logs" / "run.mcap"
 
 
+@pytest.mark.quick(9)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("form", ["full", "compact"])
 def test_a_copy_is_counted_once_and_named(make, log, name, form):

@@ -113,6 +113,7 @@ def test_inconsistent_messages_are_refused(name, trial):
         built(sealed(trial, at_place))
 
 
+@pytest.mark.quick(15)
 @pytest.mark.parametrize("seed", range(50))
 def test_garbled_messages_raise_nothing_else(seed, trial, outcome_of):
     rng = random.Random(seed)

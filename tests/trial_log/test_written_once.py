@@ -69,6 +69,7 @@ WAYS = ["name", "text", "link", "link to nothing", "hard link", "folder", "linke
         "home", "relative"]  # fmt: skip
 
 
+@pytest.mark.quick(14)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_log_that_is_there_stays(make, tmp_path, monkeypatch, writer, way):

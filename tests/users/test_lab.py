@@ -154,6 +154,7 @@ class Bot:
         return mb.Outcome(self.state, percept if senses else None)
 
 
+@pytest.mark.quick(10)
 @pytest.mark.filterwarnings("ignore:The agent .* answered without touching")
 @pytest.mark.parametrize("asked", [["full"], ["full", "metal"]])
 @pytest.mark.parametrize("agent", AGENTS)

@@ -98,6 +98,7 @@ def test_the_tree_shows_the_most_visited_below_the_best_actions(trials):
     apart(graph.nodes)
 
 
+@pytest.mark.quick(9)
 @pytest.mark.parametrize("letters", [3, 12, 40])
 @pytest.mark.parametrize("levels", [2, 4, 8])
 @pytest.mark.parametrize("attributes", [1, 3, 12])
