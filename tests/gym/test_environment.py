@@ -308,19 +308,3 @@ def test_settings_that_mean_nothing_are_told(options):
 def test_a_task_is_a_number(task):
     with pytest.raises(SettingsError, match="task"):
         MealEnv("roc36", agent="greedy", trials=5).reset(options={"task": task})
-
-
-KINDS = {
-    "attributes": [True, None, "1", 1.0],
-    "objects": [5, None, [5], [None], b"all", True],
-    "logs": [5, b"logs", "", ["logs"], True],
-    "seed": [True, 1.0, None],
-    "trials": [True, None],
-    "max_steps": [True, None],
-}
-
-
-@pytest.mark.parametrize(("name", "value"), [(n, v) for n, values in KINDS.items() for v in values])
-def test_settings_of_other_kinds_are_told(name, value):
-    with pytest.raises(SettingsError, match=f"{name} (is|are)"):
-        MealEnv("roc36", agent="greedy", **{"trials": 5} | {name: value})

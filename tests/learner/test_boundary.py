@@ -120,11 +120,11 @@ def test_a_robot_can_start(dataset, make):
             learner.ask("red", robot)
 
 
-@pytest.mark.parametrize("value", ["3", (1, 2), float("nan"), float("inf"), -1, None, b"1", [2]])
+@pytest.mark.parametrize("value", ["3", float("nan"), float("inf"), -1])
 @pytest.mark.parametrize("name", ["reward", "horizon", "refit_every", "percepts", "seed"])
-def test_settings_of_another_kind_are_told(name, value):
+def test_settings_that_mean_nothing_are_told(name, value):
     never = name == "refit_every" and value == float("inf")
-    if never or (value is None and name in ("reward", "horizon", "refit_every")):
+    if never:
         return
     with pytest.raises(MealBayesError, match=name):
         Learner("toy", logs=None, **{name: value})
