@@ -5,6 +5,7 @@ Every array field of a public type goes through `freeze` at birth.
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from decimal import Decimal
 from functools import cache
 from numbers import Integral, Real
 from types import UnionType
@@ -63,7 +64,7 @@ def freeze_arrays(instance: Any) -> None:
         if values is not None:
             try:
                 object.__setattr__(instance, name, freeze(values, dtype))
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 argument = f"{type(instance).__name__}(): {name}"
                 raise SettingsError(
                     f"{argument} is {values!r:.60}; give an array of numbers."
@@ -252,7 +253,8 @@ def check_kind(name: str, value: object, kind: type[Any]) -> None:
 def plain(value: Any) -> Any:
     """Return a setting in Python's own types, which JSON knows; also inside lists and tables.
 
-    A number, text or truth value of numpy, an array of no axes, and a fraction are what they say.
+    A number, text or truth value of numpy, an array of no axes, a fraction and a decimal number are
+    what they say.
 
     >>> plain({"seed": np.int64(3), "agents": (np.str_("bayes"), np.array(0.5))})
     {'seed': 3, 'agents': ('bayes', 0.5)}
@@ -261,13 +263,29 @@ def plain(value: Any) -> Any:
         value = value.item()
     if isinstance(value, bool | int | float):
         return value
-    if isinstance(value, Real):  # a fraction, or a float of more bits than Python's
-        return int(value) if isinstance(value, Integral) else float(value)
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real | Decimal):  # a fraction, or a float of more bits than Python's
+        return as_float(value)
     if type(value) in (list, tuple):
         return type(value)(map(plain, value))
     if type(value) is dict:
         return {plain(key): plain(part) for key, part in value.items()}
     return value
+
+
+def as_float(number: Any) -> float:
+    """Return a number as a float; one that is too large is infinite, and so refused as such.
+
+    >>> as_float(-(10**400))
+    -inf
+    """
+    try:
+        return float(number)
+    except OverflowError:
+        return np.inf if number > 0 else -np.inf
+    except ValueError:  # of a signaling NaN
+        return np.nan
 
 
 def plain_fields(instance: Any) -> None:
@@ -282,7 +300,7 @@ def real_array(name: str, values: object) -> NDArray[np.float64]:
     numbers: Any = values
     try:
         return np.array(numbers, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # the last of an integer beyond floats
         raise SettingsError(f"{name} is {numbers!r:.60}; give an array of numbers.") from None
 
 
@@ -349,8 +367,10 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a setting is one real number; True and False are none."""
-    return isinstance(value, Real) and not isinstance(value, bool)
+    """Return whether a setting is one real number that floats hold; True and False are none."""
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= _FINITE
+    return isinstance(value, Real)
 
 
 def check_seconds(name: str, value: object, *, or_none: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
@@ -12,9 +13,18 @@ from hypothesis import strategies as st
 from meal_bayes import Learner, load_domain, load_percepts
 from meal_bayes.agents import Agent, ITRSBonus
 from meal_bayes.agents.named import as_agent
-from meal_bayes.arrays import check_amount, check_seconds, check_whole, check_yes_no, plain
+from meal_bayes.arrays import (
+    check_amount,
+    check_seconds,
+    check_whole,
+    check_yes_no,
+    plain,
+    shaped_array,
+)
+from meal_bayes.datasets.features import checked_features
+from meal_bayes.datasets.percepts import checked_percepts
 from meal_bayes.domain import domain_from_table, domain_table
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig
 from meal_bayes.learner import LearnerSettings
 from meal_bayes.perception.settings import PerceptionSettings
@@ -22,7 +32,7 @@ from meal_bayes.planners import POMCP, Factored
 from meal_bayes.posterior.draws import Sampling
 
 WHOLE = [np.int8, np.int16, np.int32, np.int64, np.uint8, np.uint64, np.intp, np.array]
-REAL = [np.float16, np.float32, np.float64, np.longdouble, np.array, Fraction]
+REAL = [np.float16, np.float32, np.float64, np.longdouble, np.array, Fraction, Decimal]
 FORMS = st.sampled_from(WHOLE), st.sampled_from(REAL)
 
 
@@ -105,3 +115,33 @@ def test_a_learner_acts_the_same_and_is_saved(tmp_path):
     assert trial.steps[0].decision == expected.steps[0].decision
     assert learner.settings.seed == 3
     learner.save(tmp_path / "learner.zip")
+
+
+HUGE = st.sampled_from([int, Decimal, Fraction]).flatmap(
+    lambda kind: st.tuples(st.integers(309, 900), st.booleans()).map(
+        lambda drawn: kind(10 ** drawn[0] * (-1 if drawn[1] else 1))
+    )
+)
+
+
+@given(HUGE)
+def test_numbers_beyond_floats_are_refused_in_one_line(huge):
+    """By an error of the package that names the argument."""
+    learner = Learner("toy", agent="prior", logs=None)
+    with pytest.raises(SettingsError, match="reward"):
+        Learner("toy", reward=huge, logs=None)
+    with pytest.raises(QueryError, match="Payoffs"):
+        learner.begin("red", payoffs=(huge, -1, 1, -1), answer="yes or no")
+    with pytest.raises(SettingsError, match="prior"):
+        shaped_array("prior", [huge], 1) if isinstance(huge, int) else check_amount("prior", huge)
+    if isinstance(huge, int) or huge < 0:  # the others are as good as no limit
+        with pytest.raises(SettingsError, match="max_cost"):
+            learner.begin("red", max_cost=huge)
+
+
+@given(st.sampled_from([Decimal, Fraction]), st.integers(-8, 8))
+def test_percepts_and_features_are_numbers_of_any_type(kind, eighths):
+    value = kind(eighths) / 8
+    assert checked_percepts({"red": value}, load_domain("toy")).scores == {"red": eighths / 8}
+    features = checked_features([value, kind(1)])
+    np.testing.assert_array_equal(features, np.array([eighths / 8, 1.0], np.float32))

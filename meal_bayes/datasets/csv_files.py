@@ -157,6 +157,8 @@ def read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np
     for name in (*domain.attributes, *domain.groups):
         count = header.count(name)
         if count > 1 or (name in domain.attributes and name not in present):
+            if count > 1:
+                raise fault(where, f"{count} columns {name!r}", "one", "rename or remove one")
             hint = unknown("column", name, header[1:]).removesuffix(".")
             raise fault(where, f"{count} columns {name!r}", "one", f"add or rename one ({hint})")
     for name in header[1:]:

@@ -8,6 +8,7 @@ refused by its name, and one that only grows or only falls with the rows is name
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from numbers import Real
 from typing import Any
 
@@ -225,7 +226,7 @@ def _real(values: Any) -> NDArray[np.float32]:
     try:
         masked = np.ma.is_masked(values)
         array = np.asarray(values)
-        if array.dtype == object and all(isinstance(value, Real) for value in array.flat):
+        if array.dtype == object and all(isinstance(value, Real | Decimal) for value in array.flat):
             array = array.astype(np.float64)
     except Exception as fault:  # whatever an object raises that is to become an array
         raise DataError(f"found no array of numbers ({fault})") from fault

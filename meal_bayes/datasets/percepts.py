@@ -10,6 +10,7 @@ import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from numbers import Real
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import (
     ByValue,
+    as_float,
     freeze,
     freeze_arrays,
     label_values,
@@ -489,11 +491,8 @@ def _read_value(name: str, value: Any, said: Said) -> None:
         said.sure[name] = _SURENESS[value]
     elif isinstance(value, bool):
         said.sure[name] = 1.0 if value else -1.0
-    elif isinstance(value, Real):
-        try:
-            score = float(value)
-        except OverflowError:
-            score = np.inf
+    elif isinstance(value, Real | Decimal):
+        score = as_float(value)
         if not np.isfinite(score):
             raise DataError(
                 f"the score of {name!r} is {score}; expected a finite number, or None where there "

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats, plain_fields
+from meal_bayes.arrays import Floats, is_number, plain, plain_fields
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
 from meal_bayes.untrusted import LARGEST
@@ -47,9 +47,10 @@ class Payoffs(NamedTuple):
             much.
         """
         numbers = np.asarray(values, dtype=object)
+        if numbers.shape == (4,):
+            numbers = np.array([plain(value) for value in numbers], dtype=object)
         if numbers.shape != (4,) or not all(
-            isinstance(value, int | float | np.number) and abs(float(value)) <= LARGEST
-            for value in numbers
+            is_number(value) and abs(value) <= LARGEST for value in numbers
         ):
             raise QueryError(
                 f"Payoffs are {values!r:.60}; give four numbers: right yes, wrong yes, right no, "

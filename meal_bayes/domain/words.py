@@ -10,8 +10,12 @@ NOT = {"not", "no", "non", "without"}  # deny what is named next
 # Words that join or deny what a question names, and so name nothing themselves.
 JOINING_WORDS = {*NOT, "neither", "nor", "and", "but", "or", "either"}
 UNCLEAR_WORDS = {"never", "isnt", "doesnt", "xor"}  # so do these, but of what is not clear
-# Signs without width, but for those that join letters of some scripts.
-_UNSEEN = str.maketrans("", "", "\u00ad\u200b\u2060\ufeff")
+# Signs without width, but for those that join letters of some scripts: also of the direction of
+# writing.
+_UNSEEN = str.maketrans(
+    "", "", "\u00ad\u061c\u200b\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2060\u2061\u2062"
+    "\u2063\u2064\u2066\u2067\u2068\u2069\ufeff"
+)  # fmt: skip
 _SHOWN = 24  # names that a message lists at most; of more, the nearest
 _LONGEST = 60  # letters of an unknown name that a message repeats
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.domain import unknown
+from meal_bayes.domain.words import fold
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import Experience, Labels, key_of_name
@@ -135,19 +136,23 @@ def warn_of_typo(experience: Experience, name: str) -> None:
     a number, as "cup 1" and "cup 2", are meant so.
     """
     names = [*experience.met]
-    alike = [other for other in names if re.findall(r"\d+", other) == re.findall(r"\d+", name)]
-    near = difflib.get_close_matches(name, alike, 1, _ALIKE)
     if name in names:
         return
-    met = len(experience.instances) or len(experience.executions)
+    alike = {
+        fold(other): other
+        for other in names
+        if re.findall(r"\d+", other) == re.findall(r"\d+", name)
+    }
+    near = difflib.get_close_matches(fold(name), alike, 1, _ALIKE)
+    met = names and (len(experience.instances) or len(experience.executions))
     if near:
         warn_user(
-            f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It counts as "
-            f"another object; forget({name!r}) removes its labels."
+            f"There is no recording of {name!r}; did you mean {alike[near[0]]!r}? It counts "
+            f"as another object; forget({name!r}) removes its labels."
         )
     elif met and not _numbered_alike(name, names):
         warn_user(
-            f"There is no trial or recording of {name!r}; it counts as a new object, beside "
+            f"There is no recording of {name!r}; it counts as a new object, beside "
             f"{listed(names, _SHOWN)}. forget({name!r}) removes its labels."
         )
 

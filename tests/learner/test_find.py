@@ -8,7 +8,7 @@ from meal_bayes.errors import QueryError, RobotError, SettingsError
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import read_trials
 
-pytestmark = pytest.mark.filterwarnings("ignore:There is no trial or recording")
+pytestmark = pytest.mark.filterwarnings("ignore:There is no recording")
 
 BOXES = ["light_blue_beans", "medium_brown_rice", "heavy_green_glass", "heavy_blue_beans"]
 

@@ -103,7 +103,7 @@ class Life:
         return self.learner.resume(state=arm.state)
 
 
-@pytest.mark.filterwarnings("ignore:The agent 'morc' answered", "ignore:There is no trial")
+@pytest.mark.filterwarnings("ignore:The agent 'morc' answered", "ignore:There is no recording")
 @settings(max_examples=LIVES)
 @given(seed=st.integers(0, 10**6))
 def test_a_killed_life_equals_an_undisturbed_one(make, seed):

@@ -152,7 +152,7 @@ def test_failures_that_the_diagram_explains_are_no_warnings(make):
 
 def test_a_name_that_may_be_a_typo_is_warned_of(dataset, make):
     learner = make.learner(dataset)
-    with pytest.warns(UserWarning, match=r"no trial or recording of 'cup10'.*'cup 10'") as caught:
+    with pytest.warns(UserWarning, match=r"no recording of 'cup10'.*'cup 10'") as caught:
         learner.tell("cup10", {"full": True})
     if sys.version_info >= (3, 12):  # which can pass over the lines of a package
         assert caught[0].filename == __file__

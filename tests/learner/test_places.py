@@ -9,7 +9,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.learner import recall
 from meal_bayes.trial_log import ACTIVE, Logs
 
-pytestmark = pytest.mark.filterwarnings("ignore:There is no trial or recording")
+pytestmark = pytest.mark.filterwarnings("ignore:There is no recording")
 
 
 def seen(number):

@@ -32,7 +32,7 @@ def test_tests_are_no_experience_and_their_labels_are_of_the_object(dataset, mak
     assert first.experience.labels_of_trial(("told", "mug"))[0] == -1
 
 
-@pytest.mark.filterwarnings("ignore:There is no trial or recording")
+@pytest.mark.filterwarnings("ignore:There is no recording")
 def test_what_is_told_stands_in_the_logs(dataset, make, tmp_path):
     """As told of a trial, of an object, taken back, of a test; and in a log that was named."""
     learner = make.learner(dataset, make.agent("look", **make.ours), logs=tmp_path / "logs")

@@ -3,13 +3,14 @@
 import contextlib
 import copy
 import itertools
+import warnings
 from datetime import datetime, timedelta
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from meal_bayes import Learner, load_domain
+from meal_bayes import Learner, Outcome, load_domain
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import recall
 from meal_bayes.trial_log import Logs
@@ -37,7 +38,7 @@ def red(learner):
     return {name: label for name, label in labels.items() if label >= 0}
 
 
-@pytest.mark.filterwarnings("ignore:There is no trial or recording")
+@pytest.mark.filterwarnings("ignore:There is no recording")
 @given(tellings=TELLINGS)
 @settings(max_examples=max(settings().max_examples // 5, 4))
 def test_the_order_of_folders_plays_no_part(dataset, make, tmp_path_factory, tellings):
@@ -151,7 +152,7 @@ def full(*paths):
     raise OSError(28, "No space left on device")
 
 
-@pytest.mark.filterwarnings("ignore:There is no trial or recording")
+@pytest.mark.filterwarnings("ignore:There is no recording")
 @given(
     tellings=st.lists(
         st.tuples(
@@ -248,3 +249,24 @@ def test_two_robots_that_recall_each_other_hold_the_same(dataset, make, tmp_path
         for key in (*(trial.task.key for trial in trials), ("told", "mug")):
             told = [each.experience.labels_of_trial(key).tolist() for each in (robot, heir)]
             assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("name", ["mug", "Mug", "other cup"])
+def test_labels_of_objects_of_which_nothing_was_perceived_are_no_typos(name):
+    learner = Learner("toy", agent="bayes", logs=None)
+    session = learner.begin("red", object_name="mug")
+    session.fail()
+    session.cancel()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        learner.tell(name, {"red": True})
+    assert learner.experience.met
+
+
+def test_a_name_that_differs_by_case_is_named():
+    learner = Learner("toy", agent="bayes", logs=None)
+    session = learner.begin("red", object_name="Mug")
+    session.observe(Outcome("x0", percepts={"red": True}))
+    session.cancel()
+    with pytest.warns(UserWarning, match=r"no recording of 'mug'; did you mean 'Mug'\?"):
+        learner.tell("mug", {"red": True})
