@@ -153,7 +153,7 @@ def test_a_trial_that_a_fault_ended_is_named_and_goes_on(dataset, make, tmp_path
     session = learner.resume(log, state="table")
     driven(session)
     assert len(session.steps) == 3
-    with pytest.raises(LogError, match=r"nothing to resume\. A learner's file"):
+    with pytest.raises(LogError, match=r"nothing to resume\. The file of a learner"):
         learner.resume()
 
 

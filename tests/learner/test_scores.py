@@ -138,7 +138,7 @@ def test_scores_that_fall_where_it_is_true_are_told():
         for number in range(12):
             learner.tell(f"cup {number}", {"red": bool(number % 2)})
 
-    with pytest.warns(UserWarning, match=r"'red' by look are lower where it is true.*negative"):
+    with pytest.warns(UserWarning, match=r"'red' by look are lower if it is true.*negative"):
         tell()
 
 
