@@ -62,6 +62,7 @@ def code_digest() -> str:
     return digest_of(names, *files)[:16]
 
 
+@lru_cache(maxsize=1)  # each log names it, and it takes a millisecond
 def package_version() -> str:
     """Return the version of the package, "unreleased" where it is not installed."""
     from importlib import metadata  # noqa: PLC0415  costs as much as the package's own import

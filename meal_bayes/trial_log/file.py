@@ -450,9 +450,9 @@ class TrialWriter:
             self.written = self.written.after(rows)
 
     def write_feedback(self, feedback: Feedback | Change) -> None:
-        """Write what a person told, or changed of the learner, into a log of feedback, to disk."""
+        """Write what a person told, or changed of the learner, into a log of feedback."""
         topic = FEEDBACK if isinstance(feedback, Feedback) else CHANGE
-        self._put([Packed(topic, 0, feedback.packed())], sync=True)
+        self._put([Packed(topic, 0, feedback.packed())])
 
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
@@ -464,9 +464,9 @@ class TrialWriter:
         """Write the next step of the trial that was begun to disk."""
         self._put(self._encoder.step(step), sync=True)
 
-    def end(self, trial: Trial) -> None:
-        """Write the outcome of the trial that was begun to disk."""
-        self._put(self._encoder.end(trial), sync=True)
+    def end(self, trial: Trial, *, sync: bool = True) -> None:
+        """Write the outcome of the trial that was begun; without `sync`, closing the log syncs."""
+        self._put(self._encoder.end(trial), sync=sync)
         self._begun = False
         self._count(trial)
 

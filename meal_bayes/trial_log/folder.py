@@ -75,7 +75,7 @@ def dated_name(name: str, *folders: Path) -> str:
     """
     begun = datetime.now(UTC).replace(tzinfo=None)
     with contextlib.suppress(ValueError, OverflowError):  # of other files, whose digits are no time
-        latest = max(_times_in(folders), default=_chosen_last[0])
+        latest = max(_times_in(folders, f"{begun:{_TIME}}"), default=_chosen_last[0])
         begun = max(begun, datetime.strptime(max(latest, _chosen_last[0]), _TIME) + _TICK)
     _chosen_last[0] = f"{begun:{_TIME}}"
     return f"{_chosen_last[0]}-{file_name(name)}-{secrets.token_hex(3)}"
@@ -95,12 +95,11 @@ def begun_text(path: Path) -> str:
     return ""
 
 
-def _times_in(folders: Iterable[Path]) -> Iterator[str]:
-    """Return the times that names in folders begin with."""
+def _times_in(folders: Iterable[Path], since: str) -> Iterator[str]:
+    """Return the times that names in folders begin with, if they are not before a time."""
     for folder in filter(Path.is_dir, folders):
-        for file in folder.iterdir():
-            dated = _DATED.match(file.name)
-            if dated is not None:
+        for name in os.listdir(folder):  # noqa: PTH208  fast where there are thousands
+            if name >= since and (dated := _DATED.match(name)) is not None:
                 yield dated[1]
 
 

@@ -47,13 +47,14 @@ class LiveLog(TrialWriter):
         *,
         resumed: "Interrupted | None" = None,
     ) -> None:
-        if path.suffix.lower() not in (SUFFIX, ACTIVE):
+        self._named_here = path.suffix.lower() not in (SUFFIX, ACTIVE)
+        if self._named_here:  # as no other log, so that it has no drafts either
             path /= f"{dated_name(name, path)}{SUFFIX}"
         # What was broken off goes on under its own name; its file then holds the same steps.
         goes_on = resumed is not None and path == resumed.file == resumed.path
         super().__init__(path, header, overwrite=goes_on)
         self._resumed = resumed
-        if resumed is None:
+        if resumed is None and not self._named_here:
             self._check_drafts()
         self.__enter__()
 
@@ -70,17 +71,18 @@ class LiveLog(TrialWriter):
                             f"Learner.resume({str(draft)!r}) continues it; or {self.way_out}."
                         )
 
-    def end(self, trial: Trial) -> None:
+    def end(self, trial: Trial, *, sync: bool = False) -> None:
         """Write the outcome, give the whole log its name, and remove drafts of dead processes."""
         try:
-            super().end(trial)
+            super().end(trial, sync=sync)
         except BaseException as fault:
             self.__exit__(type(fault), fault, None)  # the draft stays, as far as it was written
             raise
         self.__exit__(None, None, None)
         if self._resumed is not None:
             self._resumed.release()
-        remove_drafts(self.path)
+        if not self._named_here:
+            remove_drafts(self.path)
 
 
 class NotBrokenOff(LogError):

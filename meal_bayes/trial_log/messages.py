@@ -786,11 +786,12 @@ class TrialEncoder:
         self._check(start_misfits(trial), trial.first_belief)
         # Many trials share a MOMDP: it is written once, and named by its number from then on.
         message = MomdpMessage.of(trial, 0)
-        digest = hashlib.blake2b(encode(message), digest_size=16).digest()
+        data = encode(message)
+        digest = hashlib.blake2b(data, digest_size=16).digest()
         last = max((number for number, _ in self._momdps.values()), default=-1)
         number, _ = self._momdps.get(digest, (last + 1, 0))
         if number > last:
-            data = encode(replace(message, id=number))
+            data = encode(replace(message, id=number)) if number else data
             yield Packed(MOMDPS, log_time(self._number, 0), data, (digest, number))
         yield self._packed(TRIAL, 0, TrialMessage.of(trial, self._number, number))
 
