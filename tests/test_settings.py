@@ -21,7 +21,7 @@ from meal_bayes.arrays import (
     plain,
     shaped_array,
 )
-from meal_bayes.datasets.features import checked_features
+from meal_bayes.datasets.feature_checks import checked_features
 from meal_bayes.datasets.percepts import checked_percepts
 from meal_bayes.domain import domain_from_table, domain_table
 from meal_bayes.errors import QueryError, SettingsError

@@ -6,7 +6,7 @@ Out: `Dataset`, `Instance`, `TrainingSet`, `PerceptTable`.
 
 from meal_bayes.datasets.csv_files import save_csv_folder
 from meal_bayes.datasets.dataset import Dataset, Instance, TrainingSet, object_index
-from meal_bayes.datasets.features import checked_features
+from meal_bayes.datasets.feature_checks import checked_features
 from meal_bayes.datasets.percepts import PerceptTable, load_percepts, save_percepts
 from meal_bayes.datasets.sources import cache_folder, fetch, load_dataset, registry, verify
 from meal_bayes.datasets.synthetic import make_synthetic

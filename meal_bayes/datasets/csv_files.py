@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.features import check_columns
+from meal_bayes.datasets.feature_checks import check_columns
 from meal_bayes.datasets.frames import (
     KEYS,
     Context,

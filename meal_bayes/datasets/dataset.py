@@ -17,7 +17,7 @@ from meal_bayes.arrays import (
     set_frozen,
     whole_array,
 )
-from meal_bayes.datasets.features import checked_features, warn_of_order
+from meal_bayes.datasets.feature_checks import checked_features, warn_of_order
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.digests import digest_of, digest_of_arrays
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown

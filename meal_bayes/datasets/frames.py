@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets.features import (
+from meal_bayes.datasets.feature_checks import (
     checked_features,
     column_names,
     warn_of_order,

@@ -18,7 +18,7 @@ from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Pro
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.arrays import Levels, Rows, no_and_yes_of
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
-from meal_bayes.datasets.features import warn_of_order
+from meal_bayes.datasets.feature_checks import warn_of_order
 from meal_bayes.datasets.percepts import classifier_levels, detected_levels, scores_of
 from meal_bayes.domain import Domain, Query, learn_answers, learn_success
 from meal_bayes.learner import views
