@@ -135,8 +135,8 @@ def accuracy_and_cost(points: Mapping[str, tuple[Interval, Interval]]) -> Axes:
                 ms=5.5,
                 elinewidth=1.1,
                 capsize=2.5,
-                label=agent,
             )
+            to.plot([], [], ls="", marker=marker, color=color, ms=5.5, label=agent)
         name_axes(to, "mean cost of a trial, s", "accuracy (fraction of trials)")
         to.set_ylim(-0.04, 1.04)
         _scale_costs(to, [cost.estimate for _, cost in points.values()])

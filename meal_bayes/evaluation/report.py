@@ -49,7 +49,6 @@ from meal_bayes.evaluation.summary import (
 from meal_bayes.files import check_output, checked_path, command_line, write_whole
 from meal_bayes.look import (
     AMOUNT,
-    ERROR_TEXT,
     FRACTION,
     ordered_agents,
     percent,
@@ -259,7 +258,7 @@ def _many(logged: LoggedOutcomes, trials: ShownTrials, logs: Logs) -> dict[str, 
     source = logs.files[0].name
     if len(logs.files) > 1:
         folder = os.path.commonpath([file.resolve() for file in logs.files])
-        source = f"{len(logs.files)} logs in {Path(folder).name}"
+        source = f"{len(logs.files)} log files of the folder {Path(folder).name!r}"
     numbers = {
         "trial": len(outcomes),
         "step": int(outcomes.steps.sum()),
@@ -323,11 +322,10 @@ def _finding(logged: LoggedOutcomes) -> list[str]:
     texts = [f"{best.agent} has the highest mean reward, {best.reward:{AMOUNT}} a trial."]
     if len(apart) == len(others):
         gain = f"{best.reward - rest[0].reward:{AMOUNT}} more than {rest[0].agent}, the next"
-        names = _joined(ordered_agents(measured.agents))
         texts = [
+            f"It cannot be said who is ahead: no other agent had the tasks of {best.agent}, so the "
+            "differences may come from the tasks.",
             f"{texts[0][:-1]}: {gain}.",
-            f"It cannot be said who is ahead: {names} were not given the same tasks, so the "
-            "difference may come from the tasks.",
         ]
         return [" ".join(texts), no_better_than_prior(measured)]
     if behind:
@@ -341,7 +339,7 @@ def _finding(logged: LoggedOutcomes) -> list[str]:
             f"It cannot be said whether {best.agent} is ahead of {_joined(level)}: the {MASS_TEXT} "
             f"{intervals} 0, so the difference may be chance."
         )
-    texts.append("Differences are in the mean reward on the same tasks.")
+    texts.append("These are differences in the mean reward on the same tasks.")
     if apart:
         verb = "shares" if len(apart) == 1 else "share"
         texts.append(f"{_joined(apart)} {verb} no task with {best.agent}.")
@@ -440,8 +438,9 @@ def _agents(
     return {
         "title": "Who is ahead" if len(rows) > 1 else "The agent",
         "says": "A trial is right if all its attributes are answered rightly; abstaining is not. "
-        f"Brackets are {MASS_TEXT} intervals and {ERROR_TEXT}; trials with one object "
-        "count as one cluster. The cost has its standard deviation (sd). NLL (nats) and ECE are "
+        f"The reward of a trial is the payoff of its answer less its cost. [...] is a {MASS_TEXT} "
+        f"interval, and the number after ± is one standard error; both allow for trials with the "
+        "same object being alike. The cost has its standard deviation (sd). NLL (nats) and ECE are "
         "the negative log-likelihood and the calibration error of the final beliefs. The best "
         "accuracy, reward and NLL are bold.",
         "tables": tables,

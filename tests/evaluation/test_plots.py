@@ -129,7 +129,8 @@ def test_one_point_an_agent_on_the_plane_of_accuracy_and_cost(largest, scale):
     accuracy = Interval(0.5, 0.1, 0.3, 0.6)
     points = {name: (accuracy, Interval(x, nan, nan, nan)) for name, x in costs.items()}
     ax = plots.accuracy_and_cost(points)
-    drawn = [line.get_xydata()[0] for line in ax.lines if line.get_marker() in "os^"]
+    markers = [line.get_xydata() for line in ax.lines if line.get_marker() in "os^"]
+    drawn = [xy[0] for xy in markers if len(xy)]  # without those of the legend
     np.testing.assert_allclose(drawn, [(x, 0.5) for x in costs.values()])
     ends = [c.get_segments()[0] for c in ax.collections]
     np.testing.assert_allclose(ends[1], [(0, 0.3), (0, 0.6)])
