@@ -27,7 +27,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from costs import problem
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
@@ -53,6 +52,8 @@ def momdp_of(model: str) -> MOMDP:
     """Build a model's MOMDP by name."""
     ring = _RING.fullmatch(model)
     if ring is not None:
+        from costs import problem  # noqa: PLC0415  small processes plan without
+
         seed, n, behaviors = map(int, ring.groups())
         drawn = problem(behaviors, RING_STATES, seed, attributes=n)
         return replace(drawn, abstain=True, discount=0.99)
