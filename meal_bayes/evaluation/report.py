@@ -321,7 +321,8 @@ def _finding(logged: LoggedOutcomes) -> list[str]:
     apart = [row.agent for row in others if not row.tasks]
     texts = [f"{best.agent} has the highest mean reward, {best.reward:{AMOUNT}} a trial."]
     if len(apart) == len(others):
-        gain = f"{best.reward - rest[0].reward:{AMOUNT}} more than {rest[0].agent}, the next"
+        shown = [float(f"{row.reward:{AMOUNT}}") for row in (best, rest[0])]
+        gain = f"{shown[0] - shown[1]:{AMOUNT}} more than {rest[0].agent}, the next"
         texts = [
             f"It cannot be said who is ahead: no other agent had the tasks of {best.agent}, so the "
             "differences may come from the tasks.",
@@ -475,14 +476,14 @@ def _differences(outcomes: TrialOutcomes, reference: str) -> Iterator[Table]:
             ]
             cells.append([reward.agent, reward.verdict, f"{reward.tasks:,}", *texts])
     apart = [row.agent for row in by_measure["reward"] if not row.tasks]
-    note = f"Differences to {reference} on the same tasks, with {MASS_TEXT} intervals. "
+    note = f"Differences from {reference} on the same tasks, with {MASS_TEXT} intervals. "
     note += "The verdict is about the reward: costs and wrong answers lower it."
     if apart:
         verb = "shares" if len(apart) == 1 else "share"
         nothing = f"{_joined(apart)} {verb} no task with {reference}."
         note = f"{note} {nothing}" if cells else nothing
     head = [
-        "agent", "verdict", "tasks", f"reward difference to {reference}", "cost difference, s",
+        "agent", "verdict", "tasks", f"reward difference from {reference}", "cost difference, s",
         "accuracy difference",
     ]  # fmt: skip
     yield {"head": head if cells else [], "rows": cells, "texts": (1,), "note": note}
