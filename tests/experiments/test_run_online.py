@@ -147,19 +147,19 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost, contents):
 def test_a_run_that_stops_goes_on_to_the_same_end(
     config, whole, tmp_path, monkeypatch, stop, contents
 ):
-    train = Environment.train
-    calls = []
+    ask = Environment.ask
+    learned = []
 
-    def failing(self, learner, task):
-        calls.append(task)
-        if len(calls) == stop:
+    def failing(self, learner, task, *, learn):
+        learned.extend([task] if learn else [])
+        if learn and len(learned) == stop:
             raise RuntimeError("the power went")
-        return train(self, learner, task)
+        return ask(self, learner, task, learn=learn)
 
-    monkeypatch.setattr(Environment, "train", failing)
+    monkeypatch.setattr(Environment, "ask", failing)
     with pytest.raises(RuntimeError, match="the power went"):
         run_online(config, logs=tmp_path)
-    monkeypatch.setattr(Environment, "train", train)
+    monkeypatch.setattr(Environment, "ask", ask)
     assert len(contents(tmp_path)) < len(whole)
     run = run_online(config, logs=tmp_path)
     assert contents(run.folder) == whole
