@@ -194,6 +194,7 @@ def _part(dataset: Dataset, part: NDArray[np.int64]) -> Dataset:
         dataset,
         objects=tuple(dataset.objects[o] for o in part),
         labels=dataset.labels[part],
+        answers=None if dataset.answers is None else dataset.answers[part],
         features={context: values[part] for context, values in dataset.features.items()},
         partial=True,
     )
