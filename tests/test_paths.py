@@ -170,6 +170,7 @@ def test_a_pipe_in_a_folder_of_logs_is_passed_over(tmp_path):
 
 
 def test_folders_of_the_environment(home, monkeypatch):
+    monkeypatch.delenv("MEAL_BAYES_OFFLINE", raising=False)
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", "~/cache")
     assert cache_folder() == home / "cache"
     monkeypatch.setenv("XDG_CACHE_HOME", "~/compiled")
