@@ -341,6 +341,7 @@ def _finding(logged: LoggedOutcomes) -> list[str]:
             f"{intervals} 0, so the difference may be chance."
         )
     texts.append("These are differences in the mean reward on the same tasks.")
+    texts += _costs_text(measured, best.agent)
     if apart:
         verb = "shares" if len(apart) == 1 else "share"
         texts.append(f"{_joined(apart)} {verb} no task with {best.agent}.")
@@ -370,9 +371,24 @@ def _parts(logged: LoggedOutcomes, agent: str | None = None) -> list[AgentPart]:
 
 
 def _gain_text(row: Comparison) -> str:
-    """Return an agent, and by how much the reference is ahead of it."""
-    lead = -Interval(row.difference, math.nan, row.low, row.high)
-    return f"{row.agent} (by {lead.text(signed=True)})"
+    """Return an agent, and by how much the reference is above it."""
+    return f"{row.agent} (by {(-_difference(row)).text(signed=True)})"
+
+
+def _costs_text(measured: TrialOutcomes, agent: str) -> list[str]:
+    """Say which agents are surely dearer or cheaper than one, on the same tasks."""
+    rows = [row for row in comparisons(measured, measure="cost", reference=agent) if row.tasks]
+    dearer = [f"{row.agent} (by {_difference(row).text()} s)" for row in rows if row.low > 0]
+    cheaper = [f"{row.agent} (by {(-_difference(row)).text()} s)" for row in rows if row.high < 0]
+    return [
+        f"{agent} costs {word} than {_joined(names)}: the {MASS_TEXT} interval does not contain 0."
+        for word, names in (("less", dearer), ("more", cheaper))
+        if names
+    ]
+
+
+def _difference(row: Comparison) -> Interval:
+    return Interval(row.difference, math.nan, row.low, row.high)
 
 
 def _number(value: float, form: str = FRACTION) -> str:
@@ -443,7 +459,7 @@ def _agents(
         f"interval, and the number after ± is one standard error; both allow for trials with the "
         "same object being alike. The cost has its standard deviation (sd). NLL (nats) and ECE are "
         "the negative log-likelihood and the calibration error of the final beliefs. The best "
-        "accuracy, reward and NLL are bold.",
+        "accuracy, reward and NLL are bold, unless all agents have the same.",
         "tables": tables,
         "figures": figures,
     }
@@ -471,7 +487,7 @@ def _differences(outcomes: TrialOutcomes, reference: str) -> Iterator[Table]:
         if reward.tasks:
             forms = (AMOUNT, AMOUNT, FRACTION)
             texts = [
-                Interval(row.difference, math.nan, row.low, row.high).text(form, signed=True)
+                _difference(row).text(form, signed=True)
                 for row, form in zip((reward, cost, success), forms, strict=True)
             ]
             cells.append([reward.agent, reward.verdict, f"{reward.tasks:,}", *texts])

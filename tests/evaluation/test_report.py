@@ -124,6 +124,23 @@ def test_it_says_first_who_is_ahead_and_of_whom_that_cannot_be_said(trials, page
     ]  # fmt: skip
 
 
+def test_it_says_who_surely_costs_more(tmp_path):
+    agents = ("prior", "predefined_plus")  # the first touches nothing
+    trials = [
+        ask("heavy, beans", dataset="roc36", object=name, agent=agent, logs=None)
+        for agent in agents
+        for name in OBJECTS
+    ]
+    write_trials(tmp_path / "trials.mcap", trials, header={"config": {"dataset": "roc36"}})
+    write_report(Logs(tmp_path), tmp_path / "report.html")
+    best = max(summarize(trials), key=lambda row: row.reward).agent
+    (other,) = set(agents) - {best}
+    word = "less" if best == "prior" else "more"
+    gap = compare(trials, *agents[::-1], measure="cost")  # of what acts, above nothing
+    text = html.unescape((tmp_path / "report.html").read_text())
+    assert f"{best} costs {word} than {other} (by {gap.text()} s)" in text
+
+
 def test_its_head_names_the_worst_trial_of_all_agents_and_links_to_it(trials, page):
     text = html.unescape(page.read_text())
     head, rest = text.split("</header>")
