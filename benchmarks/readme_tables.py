@@ -139,12 +139,13 @@ def finding(tables: Tables) -> str:
         rows = {row["agent"]: row for row in tables[name]["rows"]}
         ours = rows.pop(OURS)
         best = max(rows.values(), key=lambda row: row["reward"])
-        text = f"- {run.title}: `{OURS}` earns {ours['reward']:.0f} s a question, {_work(ours)}. "
-        text += f"That is {_compared(best)}, the best of the others"
+        text = f"- {run.title}: the mean reward of `{OURS}` is {ours['reward']:.0f} s "
+        text += f"({_work(ours)}). That is {_compared(best)}, the best of the others"
         named = [rows[agent] for agent in ("prior", COMPARED) if rows[agent] is not best]
         lines.append(" and ".join([f"{text},", *map(_compared, named)]) + ".")
     note = (
-        "Brackets are 95 % intervals of differences on the same questions. `prior` answers by base "
+        "The reward is net of the cost. Brackets are 95 % intervals of differences on the same "
+        "questions. `prior` answers by base "
         "rates at once. Declining every question earns 0; a question that was declined is not "
         "counted as answered wrongly."
     )
@@ -165,7 +166,7 @@ def _compared(row: Mapping[str, Any]) -> str:
 def _work(row: Mapping[str, Any]) -> str:
     """Return an agent's seconds, and the share of its answers that are wrong."""
     wrong = 1 - row["answered_accuracy"]
-    return f"after {row['cost_s']:.1f} s of work, with {wrong:.1%} of its answers wrong"
+    return f"cost {row['cost_s']:.1f} s, {wrong:.1%} of the answers wrong"
 
 
 def beliefs_table(kept: Kept) -> str:

@@ -57,9 +57,9 @@ _FIRST = 20.0  # questions that a robot expects before it was asked any
 class Horizon:
     """Questions to come.
 
-    A robot that is told no number expects as many as it was asked so far, and 20 more. That is the
-    mean of a Pareto law [Lomax1954]: of all that were asked t questions, (20 + t) / (20 + t + m) to
-    the square will be asked m more; these expect 20 + t + m then.
+    After t questions, a robot that is given no number expects 20 + t more. This is the mean of a
+    Pareto law [Lomax1954]: m more questions come with probability ((20 + t) / (20 + t + m))^2, and
+    20 + t + m are expected after these.
 
     Attributes
     ----------
