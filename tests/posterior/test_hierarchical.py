@@ -125,7 +125,7 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
     draws, statistics = fit_hierarchical(
-        counts[:, :, [0, 2]], **names, sampling=Sampling(2000, tune=500, chains=2, jobs=1, seed=4),
+        counts[:, :, [0, 2]], **names, sampling=Sampling(1000, tune=400, chains=2, jobs=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
     exact = draw_grid(counts[:, :, [0, 2]], np.random.default_rng(0), **names, draws=20_000)
@@ -141,7 +141,7 @@ def test_nuts_draws_what_the_grid_integrates():
     np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
     np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.12)
     assert draws["tau"].dims == ("chain", "draw", "behavior", "truth")
-    assert steps[-1] == (5000, 5000)
+    assert steps[-1] == (2800, 2800)
     posterior = summarize_draws(draws, counts)
     np.testing.assert_allclose(posterior.mean[:, [0, 2]], mean.mean(axis=0))
 
