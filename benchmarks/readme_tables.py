@@ -129,44 +129,55 @@ def summary(tables: Tables) -> str:
 
 
 def finding(tables: Tables) -> str:
-    """Say of each question what our agent earns, and how much more than others.
+    """Say where our agent leads, and tabulate its reward beside those of three others.
 
-    The others are the best one, `prior` and the paper's agent; declining every question, which
-    earns 0, may be the best.
+    Declining every question earns 0, so that our lead over it is the reward itself.
     """
-    lines = []
+    leads, behind, lines = [], [], []
     for name, run in runs_of(tables).items():
         rows = {row["agent"]: row for row in tables[name]["rows"]}
         ours = rows.pop(OURS)
-        best = max(rows.values(), key=lambda row: row["reward"])
-        text = f"- {run.title}: the mean reward of `{OURS}` is {ours['reward']:.0f} s "
-        text += f"({_work(ours)}). That is {_compared(best)}, the best of the others"
-        named = [rows[agent] for agent in ("prior", COMPARED) if rows[agent] is not best]
-        lines.append(" and ".join([f"{text},", *map(_compared, named)]) + ".")
+        morc = rows[COMPARED]
+        if all(row["ours_more_low"] > 0 for row in rows.values()):
+            leads.append((run.title, ours, morc))
+        behind += [row["agent"] for row in rows.values() if row["ours_more_high"] < 0]
+        cells = [run.title, *(_lead(rows[agent]) for agent in (DECLINING, COMPARED, "prior"))]
+        for row in (ours, morc):
+            cells += [f"{row['cost_s']:.1f}", f"{1 - row['answered_accuracy']:.1%}"]
+        lines.append(_row(cells))
+    head = [
+        "question", f"reward of `{OURS}`", f"more than `{COMPARED}`", "more than `prior`",
+        f"`{OURS}`: cost", "wrong", f"`{COMPARED}`: cost", "wrong",
+    ]  # fmt: skip
     note = (
-        "The reward is net of the cost. Brackets are 95 % intervals of differences on the same "
-        "questions. `prior` answers by base "
-        "rates at once. Declining every question earns 0; a question that was declined is not "
-        "counted as answered wrongly."
+        "Rewards and costs are seconds, and the reward is net of the cost; *wrong* is the share of "
+        "wrong answers among the questions that were answered. Brackets are 95 % intervals, those "
+        "of differences on the same questions. `prior` answers by base rates, without touching "
+        "the object. Declining every question earns 0."
     )
-    return "\n".join([*lines, "", note])
+    others = "Nowhere does another agent surely earn more."
+    if behind:
+        others = f"In {len(behind)} comparisons another agent surely earns more."
+    return "\n".join([f"{_where_it_leads(leads)} {others}", "", *_head(head), *lines, "", note])
 
 
-def _compared(row: Mapping[str, Any]) -> str:
-    """Say by how much our agent earns more, or less, than another."""
-    sign = -1 if row["ours_more"] < 0 else 1
-    low, high = sorted((sign * row["ours_more_low"], sign * row["ours_more_high"]))
-    gain = _interval(sign * row["ours_more"], low, high)
-    words = f"{gain} s {'less' if sign < 0 else 'more'} than"
-    if row["agent"] == DECLINING:
-        return f"{words} declining every question"
-    return f"{words} `{row['agent']}` ({_work(row)})"
+def _where_it_leads(leads: list[tuple[str, Mapping[str, Any], Mapping[str, Any]]]) -> str:
+    """Say which questions our agent surely leads in, and how long it works there."""
+    if not leads:
+        return f"In no question does `{OURS}` surely earn more than all other agents."
+    titles = "; ".join(title for title, _, _ in leads)
+    ours, theirs = (", ".join(f"{pair[k]['cost_s']:.0f}" for pair in leads) for k in (1, 2))
+    return (
+        f"`{OURS}` surely earns more than every other agent, and than declining every question, "
+        f"in {len(leads)} of {len(RUNS)} kinds of question ({titles}). It knows when to stop: "
+        f"there it works for {ours} s on average; `{COMPARED}`, the paper's algorithm, for "
+        f"{theirs} s."
+    )
 
 
-def _work(row: Mapping[str, Any]) -> str:
-    """Return an agent's seconds, and the share of its answers that are wrong."""
-    wrong = 1 - row["answered_accuracy"]
-    return f"cost {row['cost_s']:.1f} s, {wrong:.1%} of the answers wrong"
+def _lead(row: Mapping[str, Any]) -> str:
+    """Return by how much our agent earns more than another, with its interval."""
+    return f"{row['ours_more']:.0f} [{row['ours_more_low']:.0f}, {row['ours_more_high']:.0f}]"
 
 
 def beliefs_table(kept: Kept) -> str:
