@@ -317,8 +317,10 @@ def plan_offline(config: OfflineConfig, *, logs: str | Path = LOGS, fresh: bool 
         table, config.attributes, config.trials, config.seed, answer=config.answer
     )
     name = f"offline-{table.domain.name}-n{config.attributes}-seed{config.seed}"
-    # Whole units of a short run are the first units of a longer one, so both share a folder.
-    ignore = ("trials",) if config.trials % UNIT == 0 else ()
+    # Whole units of a short run are the first units of a longer one, so both share a folder; but of
+    # balanced questions, which of them hold is drawn for all trials at once.
+    whole = config.trials % UNIT == 0 and config.answer != "balanced"
+    ignore = ("trials",) if whole else ()
     folder = run_folder(logs, name, config, ignore=ignore, table=source.fingerprint)
     absolute = folder.absolute()  # a cluster's workers live elsewhere
     units = [

@@ -11,6 +11,7 @@ from meal_bayes.domain import read_event
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.evaluation import answer_rates, summarize
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, offline_tasks, run_offline
+from meal_bayes.experiments.offline import plan_offline
 from meal_bayes.planners import OpenLoop
 from meal_bayes.trial_log import read_trials, write_trials
 from meal_bayes.trials import TrialOutcomes
@@ -154,6 +155,16 @@ def test_a_run_reports_rates_and_calibration_of_the_event(tmp_path):
     assert row.nll == pytest.approx(expected)
     with pytest.raises(SettingsError, match="several values"):
         answer_rates(run_offline(OfflineConfig("roc36", 2, 2, ("random",)), logs=tmp_path))
+
+
+@pytest.mark.parametrize("answer", ["values", "yes or no", "balanced"])
+def test_runs_share_a_file_only_where_they_ask_the_same(answer, tmp_path):
+    short, long = (
+        plan_offline(OfflineConfig("roc36", 2, trials, ("greedy",), answer=answer), logs=tmp_path)
+        for trials in (100, 200)
+    )
+    shared = short.units[0].path == long.units[0].path
+    assert shared == (short.units[0].tasks == long.units[0].tasks) == (answer != "balanced")
 
 
 @pytest.mark.long
