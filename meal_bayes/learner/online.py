@@ -69,6 +69,7 @@ class PlanKey(NamedTuple):
 
     query: Query
     limits: bytes  # (E,) percepts of each behavior that a trial can have
+    bonus: bytes = b""  # (N,E,2) of a test that is planned with one
 
 
 @dataclass(eq=False)
@@ -421,39 +422,36 @@ class Online:
     ) -> tuple[MOMDP, Policy]:
         """Build and solve the problem of a task, with a bonus if it explores (Alg. 2, l. 7-10)."""
         exploration = self.agent.exploration
-        shaped = explore
-        if not explore and self.settings.shaped_answers:
-            shaped = isinstance(exploration, ITRSBonus)
         # An object that is recognized has a prior of its own, so its problem is built anew.
         recognized = told_of(self, task) is not None
-        if shaped and (recognized or not isinstance(exploration, NoBonus)):
-            return self._plan_shaped(task, streams, limit, explore=explore)
-        if recognized:
-            momdp = problem_of(self, task, limit)
-            return momdp, solve(self, task, streams, momdp)
-        # A bonus moves with every trial; without one a plan holds until the posterior moves.
-        key = PlanKey(task.query, limits_of(self, limit).tobytes())
-        if key in self.policies:
+        if explore and (recognized or not isinstance(exploration, NoBonus)):
+            return self._plan_exploring(task, streams, limit)
+        momdp = None
+        if not explore and self.settings.shaped_answers and isinstance(exploration, ITRSBonus):
+            momdp = add_bonus(exploration, problem_of(self, task, limit), self.progress(task, ""))
+        # A bonus moves with every training trial; all else that is planned with, by the posterior.
+        bonus = b"" if momdp is None else momdp.bonus.tobytes()
+        key = PlanKey(task.query, limits_of(self, limit).tobytes(), bonus)
+        if key in self.policies and not recognized:
             return self.policies[key]
-        momdp = problem_of(self, task, limit)
+        if momdp is None:
+            momdp = problem_of(self, task, limit)
         policy = solve(self, task, streams, momdp)
-        if getattr(policy, "deterministic", False):
+        if getattr(policy, "deterministic", False) and not recognized:
             policy = MemoizedPolicy(policy)
             self.policies[key] = momdp, policy
         return momdp, policy
 
-    def _plan_shaped(
-        self, task: Task, streams: Key, limit: ArrayLike, *, explore: bool
-    ) -> tuple[MOMDP, Policy]:
+    def _plan_exploring(self, task: Task, streams: Key, limit: ArrayLike) -> tuple[MOMDP, Policy]:
         """Build and solve the problem with the bonus of what is learned so far.
 
         Searches of equal questions share a plan library, that of the problem at the refit.
         """
         query = task.query
         exploration = self.agent.exploration
-        name = task.object_name if explore else ""
-        momdp = add_bonus(exploration, problem_of(self, task, limit), self.progress(task, name))
-        if not explore or not isinstance(self.agent.planner(self.knowledge.domain, query), POMCP):
+        progress = self.progress(task, task.object_name)
+        momdp = add_bonus(exploration, problem_of(self, task, limit), progress)
+        if not isinstance(self.agent.planner(self.knowledge.domain, query), POMCP):
             return momdp, solve(self, task, streams, momdp)
         key = PlanKey(query, limits_of(self, limit).tobytes())
         if key not in self.plan_libraries:
@@ -480,6 +478,7 @@ class RecordingPerceiver:
         self._momdp = momdp
         self._lock = lock
         self._on_step = on_step
+        self._drawn = None if fit.settings.drawn is None else fit.perceiver
         self._last: tuple[Instance, NDArray[np.int8]] | None = None
         number = fit.record.trials.get(task.key, -1)
         recorded = fit.record.executions.values["trial"] == number
@@ -491,13 +490,16 @@ class RecordingPerceiver:
         domain = fit.record.domain
         spec = domain.behaviors[domain.behavior_index(instance.behavior)]
         if spec.answer_accuracy is None:
+            # Of a test nothing is recorded: where percepts are drawn, none has to be computed.
+            if self._drawn is not None and not self._task.learn:
+                return self._drawn.observe(instance, query, rng)
             levels = fit.perceive(instance)
         else:
             known = Query(fit.perception.domain.attributes)
             levels = fit.perception.observe(instance, known, rng)
         self._last = instance, levels
-        if fit.settings.drawn is not None:  # of the learned tables, not those that came
-            return fit.perceiver.observe(instance, query, rng)
+        if self._drawn is not None:  # of the learned tables, not those that came
+            return self._drawn.observe(instance, query, rng)
         return np.asarray(levels[domain.columns(query.attributes)], np.int8)
 
     def record(self, step: Step) -> None:
