@@ -39,7 +39,7 @@ class DownloadError(MealBayesError):
 
 
 class RobotError(MealBayesError):
-    """Error of a robot that does not do what its driver promises, such as an unknown state.
+    """Error raised if a robot does not behave as promised, such as by an unknown state.
 
     Examples
     --------

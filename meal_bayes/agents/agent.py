@@ -33,38 +33,41 @@ class Agent:
     name : str
         Name of the agent in tables, logs and folders.
     solver : Callable[[Domain, Query], Solver]
-        Function that makes the planner of a query.
+        Function that makes the planner for a query.
     object_level : bool
-        Whether objects have rows of their own (finite precision); otherwise Eq. 8 holds.
+        Whether each object has its own confusion matrices (finite precision). Otherwise all objects
+        share one, as in the paper's Eq. 8.
     shared_trait : bool
-        Whether errors of percepts of one object may be correlated.
+        Whether classifier errors about one object may be correlated.
     base_rates : bool
         Whether the prior belief is learned from the training objects; otherwise it is uniform.
     co_occurrence : bool
-        Whether the prior with base rates also models attributes that exclude or imply each other.
+        Whether a prior with base rates also models that attributes exclude or imply each other.
         Otherwise attributes are independent a priori, except for the values of a group.
     levels : int
-        Number of levels of its percepts, K.
+        Number K of levels of the agent's percepts, from no to yes.
     abstain : bool
-        Whether it may answer "I do not know".
+        Whether the agent may answer "I do not know".
     discount : float
-        Discount factor of a step, in planning only; 1 plans for the reward that is reported.
+        Discount factor of a step, used in planning only. With 1, the agent plans for the
+        undiscounted reward, which results report.
     observation_model : ObservationModel | None
-        Observation model of your own. It takes knowledge and the positions of the N queried
-        attributes, and returns `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes`
-        (N,2,C), or None if the truth is the latent class (see `build_momdp`). By default the flags
-        above determine the model.
+        Your own observation model. It is a function of the knowledge and the positions of the N
+        queried attributes that returns `confusion` (N,E,C,K), `precision` (N,E,C) and
+        `latent_classes` (N,2,C); the last may be None if the truth is the latent class (see
+        `build_momdp`). By default the settings above determine the model.
     exploration : ExplorationBonus
-        Bonus of training trials online.
+        Exploration bonus that the agent adds to rewards in training trials of online learning.
     memory : bool
-        Whether it recognizes objects and remembers the labels that people gave for them in earlier
-        trials. Earlier percepts of an object update the confusion matrices, but not the belief
-        about the object.
+        Whether the agent recognizes objects and remembers the labels that people gave for them in
+        earlier trials. Earlier percepts of an object update the confusion matrices, but not the
+        belief about the object.
     whiten : bool
-        Whether it learns from repeated recordings which differences of features do not depend on
-        the object.
+        Whether the agent whitens features: it learns from repeated recordings how features vary for
+        one and the same object, and scales this variation down.
     trained_by : Agent | None
-        Agent that runs its training trials in online runs; itself by default.
+        Agent that executes this agent's training trials in online runs; by default this agent
+        itself.
 
     Examples
     --------
@@ -107,7 +110,7 @@ class Agent:
         warm_up(self.planner(domain, query), yes_or_no=query.event is not None)
 
     def planner(self, domain: Domain, query: Query) -> Solver:
-        """Return the planner of a query; raise `SettingsError` if `solver` makes none."""
+        """Return the planner for a query; raise `SettingsError` if `solver` does not return one."""
         return checked_solver(self.solver(domain, query), self.name)
 
     def model(
@@ -120,23 +123,24 @@ class Agent:
         payoffs: Payoffs | None = None,
         told: NDArray[np.float64] | None = None,
     ) -> MOMDP:
-        """Build the MOMDP of a query from the knowledge (Alg. 1, l. 1-4).
+        """Build the MOMDP of a query from the knowledge (Algorithm 1, lines 1-4).
 
         Parameters
         ----------
         query : Query
-            What is asked.
+            The question.
         knowledge : Knowledge
             Knowledge learned without the object in the trial.
         limit : ArrayLike
-            (E,) or a number: recordings of a behavior that can be perceived in one trial.
+            One number, or one for each of the E behaviors: how many recordings of a behavior the
+            robot can perceive in a trial.
         reward : float | None
-            r+ = -r-, the domain's by default.
+            Reward of a right report; a wrong one gets its negative. The domain's by default.
         payoffs : Payoffs | None
-            Payoffs of yes and no if the query has none; the domain's by default.
+            Payoffs of the answers yes and no if the query has none; the domain's by default.
         told : NDArray[np.float64] | None
-            (N,) Pr(attribute is true) by labels that people gave for this object; NaN where they
-            gave none.
+            (N,) Pr(attribute is true) according to labels that people gave for this object; NaN if
+            they gave none.
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)

@@ -94,7 +94,7 @@ AGENTS = {
 
 
 def load_agent(name: str) -> Agent:
-    """Return a named agent; an unknown name raises a `SettingsError` with the nearest names.
+    """Return an agent by its name; an unknown name raises `SettingsError` with similar names.
 
     Examples
     --------

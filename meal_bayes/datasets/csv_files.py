@@ -68,9 +68,10 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
 
 
 def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
-    """Write a data set as a folder of CSV files; `labels.csv` is written last.
+    """Write a data set as a folder of CSV files.
 
-    Reading the files gives exactly the same numbers.
+    `load_dataset` reads exactly the same numbers from the files. `labels.csv` is written last, so a
+    folder with this file is complete.
 
     Examples
     --------

@@ -61,32 +61,31 @@ class Instance(ByValue):
 class Dataset(ByValue):
     """All recordings of a data set, joined by object, recording, behavior and modality.
 
-    Recordings may be ragged: if an object has fewer than R recordings of a behavior, or none, its
-    last rows are NaN in all modalities of the behavior.
+    Objects may have different numbers of recordings. If an object has fewer than R recordings of a
+    behavior, or none, its last rows are NaN in all modalities of the behavior.
 
     Attributes
     ----------
     domain : Domain
         Behaviors and attributes.
     objects : tuple[str, ...]
-        (O,) names.
+        (O,) names of the objects.
     features : Mapping[tuple[str, str], NDArray[np.float32]]
-        (behavior, modality) -> (O,R,D) float32.
+        Array (O,R,D) of feature vectors for each (behavior, modality).
     labels : NDArray[np.int8]
-        (O,P) int8, 1 true, 0 false, -1 unknown.
+        (O,P) label of each object and attribute: 1 true, 0 false, -1 unknown.
     recording_counts : NDArray[np.int64]
-        (O,E) int64, how many recordings each object has of each behavior; computed from the
-        features.
+        (O,E) number of recordings of each object and behavior, computed from the features.
     answers : NDArray[np.int8] | None
-        (O,P) int8, coded as `labels`: the answers of another person, which replays use when the
-        robot asks a person. None if there are none.
+        (O,P) answers of another person, coded as `labels`. Replays use them when the robot asks a
+        person. None if there are no such answers.
 
     Raises
     ------
     DataError
-        Shapes do not agree, a context has no features, features are not finite, modalities of a
-        behavior differ in their recordings, labels are not 1, 0 or -1, an object is listed twice,
-        or an object has two values of a group.
+        Shapes do not agree, a behavior and modality have no features, features are not finite,
+        modalities of a behavior differ in their numbers of recordings, labels are not 1, 0 or -1,
+        an object is listed twice, or an object has two values of a group.
 
     Examples
     --------
@@ -194,30 +193,33 @@ class Dataset(ByValue):
         *,
         objects: Sequence[str] | None = None,
     ) -> "Dataset":
-        """Build a data set from data frames, dictionaries or arrays; recordings may be ragged.
+        """Build a data set from data frames, dictionaries or arrays.
 
         Parameters
         ----------
         domain : str, path, mapping or Domain
             Domain, as for `Learner`: its behaviors and attributes.
         features : Mapping[tuple[str, str], Any]
-            (behavior, modality) -> one of: a frame (of pandas, polars, pyarrow, ...) with a column
-            ``object``, perhaps ``recording``, and a column for each feature; a dictionary from the
-            object to its (R,D) recordings; an array (O,R,D) in the order of `objects`. A row of NaN
-            says that the recording lacks this modality; it is left out of the others too.
+            Features of each (behavior, modality), in one of three forms: a data frame (of pandas,
+            polars, pyarrow, ...) with a column ``object``, optionally ``recording``, and a column
+            for each feature; a dictionary from each object to its recordings (R,D); or an array
+            (O,R,D) in the order of `objects`. A row of NaN means that the recording lacks this
+            modality; the recording is then left out of the other modalities too.
         labels : Any
-            A frame with a row for each object (its name in a column ``object`` or in the index) and
-            a column for each attribute or group; a dictionary from the object to its {attribute:
-            value} or {group: value}; an array (O,P). Values are 1 or True, 0 or False, or the one
-            of a group; -1, None, NaN or nothing are unknown.
+            Labels in one of three forms: a data frame with a row for each object (its name in a
+            column ``object`` or in the index) and a column for each attribute or group; a
+            dictionary from each object to its {attribute: value} or {group: value}; or an array
+            (O,P). An attribute is labeled 1 or True, 0 or False, and a group by the name of its
+            value. An empty entry, -1, None or NaN means unknown.
         objects : Sequence[str] | None
-            (O,) names, needed for arrays; those of the labels by default.
+            (O,) names of the objects. They are required for arrays; by default they come from the
+            labels.
 
         Raises
         ------
         DataError
-            Features or labels are missing, have the wrong size, or are not numbers; or the name of
-            a column says that it numbers or dates the rows.
+            Features or labels are missing, have the wrong size, or are not numbers; or a column
+            seems to be an index or a date by its name.
         """
         domain = load_domain(domain)
         return cls(domain, *dataset_parts(domain, features, labels, objects), rows_checked=True)
@@ -239,17 +241,17 @@ class Dataset(ByValue):
 
     @property
     def recordings(self) -> int:
-        """R, the largest number of recordings of an object and behavior."""
+        """Largest number R of recordings that any object has of any behavior."""
         return max((values.shape[1] for values in self.features.values()), default=0)
 
     def digest(self) -> str:
-        """Compute a digest of the recordings and labels, and of what percepts depend on."""
+        """Compute a digest of the recordings, the labels and all that percepts depend on."""
         features = digest_of_arrays(self.features)
         labels = digest_of_arrays({"labels": self.labels})
         return digest_of(domain_table(self.domain), self.objects, features, labels)
 
     def missing(self) -> list[str]:
-        """Return the objects and behaviors with fewer than R recordings, as texts."""
+        """Return texts that name the objects and behaviors with fewer than R recordings."""
         counts = self.recording_counts.T
         return [
             f"{self.objects[o]} {counts[e, o]} of {self.domain.behavior_names[e]}"
@@ -258,16 +260,16 @@ class Dataset(ByValue):
         ]
 
     def instance(self, object_index: int, behavior: str, recording: int) -> Instance:
-        """Return one recorded execution.
+        """Return the features of one recorded execution of a behavior.
 
         Parameters
         ----------
         object_index : int
-            Position in `objects`.
+            Position of the object in `objects`.
         behavior : str
-            Its name.
+            Name of the behavior.
         recording : int
-            Counted from 0, of this object and behavior.
+            Number of the recording of this object and behavior, counted from 0.
 
         Raises
         ------

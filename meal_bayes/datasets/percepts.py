@@ -76,7 +76,7 @@ def merge_bins(counts: NDArray[np.integer], levels: int) -> NDArray[np.int64]:
 
 
 def levels_of(log_odds: ArrayLike, edges: NDArray[np.float64], levels: int) -> NDArray[np.int8]:
-    """Return the percept levels 0 .. K-1 of log-odds of any shape."""
+    """Return the percept levels, 0 (no) to K-1 (yes), of log-odds of any shape."""
     return np.searchsorted(level_edges(edges, levels), log_odds).astype(np.int8)
 
 
@@ -111,11 +111,13 @@ _LARGEST = 2 << 24  # bytes that a member may unpack to
 
 @dataclass(frozen=True, slots=True)
 class PerceptTable(ByValue):
-    """Held-out percepts of a data set, and the training-side counts for each held-out object.
+    """Percepts of each held-out object, with the training counts for its confusion matrices.
 
-    Log-odds are class-balanced (prior 1/2); positive values favor "true". `edges` divide them into
-    L fine bins, and the middle edge separates no and yes. `lowest_bins` joins bins to levels. If
-    nothing was computed (reinit, ask, an attribute left out), log-odds are NaN and bins zero.
+    A percept is the output of a classifier for one attribute, here the log-odds that it is true,
+    under a prior of 1/2. Positive log-odds favor "true". `edges` divide the log-odds into L bins,
+    and the middle edge separates no from yes. `lowest_bins` says how bins are joined to the K
+    levels that agents use. If a behavior or an attribute has no percepts, log-odds are NaN and
+    counts are zero.
 
     Attributes
     ----------
@@ -126,20 +128,22 @@ class PerceptTable(ByValue):
     labels : NDArray[np.int8]
         (O,P) int8, 1 true, 0 false, -1 unknown.
     log_odds : NDArray[np.float16]
-        (O,R,E,P) float16, log-odds of the recordings of object o by classifiers that never saw o.
+        (O,R,E,P) log-odds of the recordings of each object, by classifiers that were trained
+        without this object.
     edges : NDArray[np.float64]
-        (L-1,) float64, edges of the fine bins; the middle one is the yes/no threshold.
+        (L-1,) edges of the bins; the middle edge is the threshold between no and yes.
     training_bins : NDArray[np.uint8]
-        (G,O,P,E,L) uint8; [g, o'] counts how often object o' fell in each bin, by classifiers that
-        saw neither o' nor group g. Zero if o' belongs to g.
+        (G,O,P,E,L) number of percepts in each bin. Entry [g, o] counts percepts of object o by
+        classifiers that were trained without o and without the objects of group g. It is zero if o
+        belongs to g.
     provenance : Mapping[str, str]
-        Versions, settings, checksums and the command that made it.
+        Versions, settings, checksums and the command that made the table.
     recording_counts : NDArray[np.int64]
-        (O,E) int64, number of recordings of each object and behavior; by default R for all
-        behaviors with modalities.
+        (O,E) number of recordings of each object and behavior. By default it is R for all behaviors
+        with modalities.
     groups : NDArray[np.int64]
-        (O,) int64, group g with which each object is left out: a group of its own by default, or a
-        fold if there are many objects.
+        (O,) group g of objects that are held out together with each object. By default each object
+        is a group of its own; if there are many objects, groups are folds.
 
     Raises
     ------
@@ -218,26 +222,26 @@ class PerceptTable(ByValue):
         return int(self.log_odds.shape[1]) if self.log_odds.ndim > 1 else 0
 
     def digest(self) -> str:
-        """Compute a digest of the table: its numbers, its domain and its provenance."""
+        """Compute a digest of the table's numbers, domain and provenance."""
         names = ("labels", "log_odds", "edges", "training_bins", "recording_counts", "groups")
         arrays = {name: getattr(self, name) for name in names}
         facts = [domain_table(self.domain), self.objects, dict(self.provenance)]
         return digest_of(*facts, digest_of_arrays(arrays))
 
     def levels_of(self, log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
-        """Return the percept levels 0 .. K-1 of log-odds of any shape."""
+        """Return the percept levels, 0 (no) to K-1 (yes), of log-odds of any shape."""
         return levels_of(log_odds, self.edges, levels)
 
     def training_levels(self, held_out: int, levels: int) -> NDArray[np.int64]:
-        """Return the counts (O,P,E,K) of each level of objects outside the held-out one's group."""
+        """Return the counts (O,P,E,K) of percept levels for one held-out object."""
         bins = self.training_bins[self.groups[held_out]]
         return freeze(merge_bins(bins, levels), np.int64)
 
 
 def save_percepts(table: PerceptTable, path: str | Path) -> None:
-    """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
+    """Write a percept table as an .npz file, which `numpy.load` can open too.
 
-    The file holds the domain too, unless it is a shipped one.
+    The file is compressed by LZMA. It also contains the domain, unless this is a shipped one.
 
     Raises
     ------
@@ -294,23 +298,23 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
 def load_percepts(
     name: str | Path, *, domain: str | Path | Mapping[str, Any] | Domain | None = None
 ) -> PerceptTable:
-    """Load the shipped table of a domain, or your own table from the path of an .npz.
+    """Load the shipped percept table of a domain, or your own table from an .npz file.
 
     Parameters
     ----------
     name : str | Path
-        Name of a shipped domain (variants share the table of their data set), or a path ending in
-        .npz.
+        Name of a shipped domain, or a path that ends in .npz. Variants of a domain share the table
+        of their data set.
     domain : str, path, mapping or Domain, optional
-        Domain, as for `Learner`, whose behaviors and attributes the table gets, in its order; by
-        default that of the name or the file.
+        Domain, as for `Learner`. The table gets its behaviors and attributes, in their order. By
+        default it is the domain of this name, or the one in the file.
 
     Raises
     ------
     SettingsError
         No shipped domain and no file has this name.
     DataError
-        The file is not a percept table, or not one of this domain.
+        The file does not contain a percept table, or its table does not fit the domain.
 
     Examples
     --------

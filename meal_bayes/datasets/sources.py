@@ -253,25 +253,25 @@ def find_folder(data: str, root: Path) -> Path:
 
 
 def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset:
-    """Load the recordings that fit a domain.
+    """Load the recordings of a domain's data set.
 
     Parameters
     ----------
     name : str | Path
-        A shipped domain, or the path of your own domain table (TOML).
+        Name of a shipped domain, or the path of your own domain file (TOML).
     root : str | Path | None
-        Folder of the files. For public data it is a mirror or a clone of the repository; without
-        it, the files are downloaded once and checked. For your own data it is the folder of CSV
-        files.
+        Folder of the files. For your own data it is the folder of CSV files. For public data it is
+        a mirror or a clone of the repository; without it, the files are downloaded once and
+        checked.
 
     Raises
     ------
     SettingsError
-        The domain is unknown, or `root` is missing for your own data.
+        The domain is unknown, or `root` is missing although the data are your own.
     DataError
-        Files do not have the expected layout.
+        The files do not have the expected layout.
     DownloadError
-        Files cannot be downloaded.
+        The files cannot be downloaded.
 
     Examples
     --------

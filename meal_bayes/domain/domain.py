@@ -62,38 +62,41 @@ class Behavior:
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Attributes, behaviors with costs, and the diagram of states, as known before any data.
+    """What is known before any data: attributes, behaviors with costs, and state transitions.
 
     Attributes
     ----------
     name : str
-        Of the domain.
+        Name of the domain.
     attributes : tuple[str, ...]
-        (P,) attributes that can be asked about.
+        (P,) attributes about which a person can ask.
     behaviors : tuple[Behavior, ...]
         (E,) behaviors of the robot.
     diagram : TransitionDiagram
         Transitions of the behaviors.
     data : str
-        The data set whose recordings fit this domain; by default the one of its name.
+        Name of the data set whose recordings fit this domain; by default the name of the domain.
     groups : Mapping[str, tuple[str, ...]]
-        The values of each group, by its name: every object has exactly one of these attributes.
-        They are kept in the order of `attributes`. If objects exist that none of the values
-        describes, add a value such as "other".
+        Groups of mutually exclusive attributes, from the group's name to the names of its values.
+        Every object has exactly one value of each group. If no value describes some objects, add a
+        value such as "other". Values are kept in the order of `attributes`.
     synonyms : Mapping[str, str]
-        Other word -> attribute.
+        The attribute that each synonym stands for.
     predefined : tuple[str, ...]
-        The behavior sequence of the Predefined baselines.
+        Sequence of behaviors that the agents `predefined` and `predefined_plus` execute.
     report_reward : float
-        r+ = -r- in Eq. 4.
+        Reward r+ of a right report in Eq. 4; a wrong report gets -r+.
     legal_budget : tuple[float, ...]
-        Budget of Random Legal, s, by the number of queried attributes.
+        Cost in seconds that the agent `random_legal` may spend, by the number of queried
+        attributes.
     payoffs : Payoffs | None
-        Payoffs of yes and no; r+ and r- by default.
+        Payoffs of the answers yes and no; r+ and r- by default.
     asked_minimum : int
-        Experiments ask attributes with more than this many objects of each value.
+        Experiments only ask about attributes that are true for more than this many objects and
+        false for more than this many.
     sources : Mapping[str, Mapping[str, Any]]
-        Source of each modality: topic, fields, feature and settings, see `meal_bayes.features`.
+        Source of each modality in a recording: topic, fields, kind of feature and its settings; see
+        `meal_bayes.features`.
 
     Raises
     ------
@@ -202,16 +205,16 @@ class Domain:
 
     @property
     def words(self) -> dict[str, str]:
-        """The attribute of each name and synonym; words are normalized by `fold`."""
+        """The attribute for each name and synonym; `fold` normalizes the words."""
         words = (*zip(self.attributes, self.attributes, strict=True), *self.synonyms.items())
         return {fold(word): name for word, name in words}
 
     def group_of(self, attribute: str) -> tuple[str, ...]:
-        """Return the values of an attribute's group; empty if it has no group."""
+        """Return the values of the group of an attribute, or () if it has no group."""
         return next((names for names in self.groups.values() if attribute in names), ())
 
     def can_be(self, values: Mapping[str, bool]) -> bool:
-        """Return whether an object can have these attributes: one value of each group is true."""
+        """Return whether an object can have these attributes: exactly one value of each group."""
         try:
             self.labels(values)
         except QueryError:
@@ -219,18 +222,18 @@ class Domain:
         return True
 
     def labels(self, values: Mapping[str, Any]) -> NDArray[np.int8]:
-        """Return labels (P,) of an object, 1 true, 0 false, -1 unknown, by name.
+        """Return the labels (P,) of an object from names: 1 true, 0 false, -1 unknown.
 
         Parameters
         ----------
         values : Mapping[str, Any]
-            True or 1, False or 0, None or absent by attribute; or a value by the name of its group:
-            ``{"metal": False, "fill": "half"}``.
+            For each attribute True or 1, False or 0, or None; for each group the name of its value.
+            Names that are left out are unknown. For example ``{"metal": False, "fill": "half"}``.
 
         Raises
         ------
         QueryError
-            The domain does not have a name or a value, or labels contradict each other.
+            A name or a value is not in the domain, or labels contradict each other.
         DataError
             A value is not a label, such as 0.5 or "yes".
 
@@ -278,22 +281,22 @@ class Domain:
         return name
 
     def replace(self, row: NDArray[np.int8], new: NDArray[np.int8]) -> NDArray[np.int8]:
-        """Return the labels of an object after new labels were given.
+        """Return the labels of an object after new labels replace earlier ones.
 
-        A new label replaces an earlier one. If one value of a group is true, the others become
-        false; if all values but one are false, this one becomes true.
+        If one value of a group is true, its other values become false. If all values but one are
+        false, this one becomes true.
 
         Parameters
         ----------
         row : NDArray[np.int8]
-            (P,) labels so far, 1 true, 0 false, -1 unknown.
+            (P,) labels so far: 1 true, 0 false, -1 unknown.
         new : NDArray[np.int8]
-            (P,) new labels, coded alike.
+            (P,) new labels, coded as `row`.
 
         Returns
         -------
         labels : NDArray[np.int8]
-            (P,) labels in which at most one value of each group is true.
+            (P,) resulting labels. At most one value of each group is true.
 
         Raises
         ------
@@ -320,12 +323,12 @@ class Domain:
 
     @property
     def recorded(self) -> list[int]:
-        """Positions of the behaviors that have modalities, and so recordings."""
+        """Positions of the behaviors that have modalities, and therefore recordings."""
         return [e for e, behavior in enumerate(self.behaviors) if behavior.modalities]
 
     @property
     def default_sequence(self) -> tuple[str, ...]:
-        """The predefined sequence; `TransitionDiagram.cheapest_first` if there is none.
+        """The predefined sequence, or else `TransitionDiagram.cheapest_first`.
 
         >>> from meal_bayes.domain import load_domain
         >>> load_domain("toy").default_sequence
@@ -336,14 +339,14 @@ class Domain:
         return self.predefined or self.diagram.cheapest_first(cost, wanted)
 
     def behavior_index(self, name: str) -> int:
-        """Return the position of a behavior; `DomainError` if there is none."""
+        """Return the position of a behavior; raise `DomainError` if there is none."""
         names = self.behavior_names
         if name not in names:
             raise DomainError(unknown("behavior", name, names))
         return names.index(name)
 
     def attribute_index(self, name: str) -> int:
-        """Return the position of an attribute; `QueryError` if there is none."""
+        """Return the position of an attribute; raise `QueryError` if there is none."""
         return self._position(name)
 
     def _position(self, attribute: str) -> int:
@@ -352,7 +355,7 @@ class Domain:
         return self.attributes.index(attribute)
 
     def columns(self, names: Iterable[str]) -> list[int]:
-        """Return the positions of some attributes; raises as `attribute_index` does."""
+        """Return the positions of attributes; raise `QueryError` if there is none."""
         return [self._position(name) for name in names]
 
 

@@ -52,22 +52,23 @@ def _bits(
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """The vector **p** of queried attributes, and which of them are values of one group.
+    """A question: the queried attributes, the groups of which they are values, and the payoffs.
 
     Attributes
     ----------
     attributes : tuple[str, ...]
         (N,) names.
     groups : tuple[tuple[int, ...], ...]
-        Indices of the values of each group, of which exactly one is true. Every other attribute is
-        a variable of its own, true or false.
+        Indices of the attributes that are values of one group, for each group. Exactly one value of
+        a group is true. Every other attribute is true or false on its own.
     group_names : tuple[str, ...]
-        Name of each group; by default its values, "empty, half or full".
+        Name of each group; by default a list of its values, such as "empty, half or full".
     event : Event | None
-        Event that holds if the answer to a question of yes or no is yes; None if the question asks
-        for the values of attributes.
+        Event whose truth a yes-or-no question asks for; None if the question asks for the values of
+        attributes.
     payoffs : Payoffs | None
-        Payoffs of the question, if it has its own; for yes or no, or for one attribute.
+        Payoffs of a question about yes or no or about one attribute; None if it has no payoffs of
+        its own.
 
     Examples
     --------
@@ -122,12 +123,12 @@ class Query:
 
     @property
     def variables(self) -> tuple[tuple[int, ...], ...]:
-        """Indices of each variable's attributes: a group, or an attribute alone; by first index."""
+        """Indices of the attributes of each variable, which is a group or a single attribute."""
         return _variables(len(self), self.groups)
 
     @property
     def questions(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """Name and indices of each group and each single attribute that is asked.
+        """Name and indices of each queried group and each queried single attribute.
 
         >>> Query(("metal", "empty", "half"), ((1, 2),), ("fill",)).questions
         (('metal', (0,)), ('fill', (1, 2)))
@@ -139,19 +140,19 @@ class Query:
 
     @property
     def yes_or_no(self) -> bool:
-        """Whether there are two answers: about an event, or about one attribute."""
+        """Whether the answer is yes or no: the question is about an event or one attribute."""
         return self.event is not None or len(self) == 1
 
     @property
     def text(self) -> str:
-        """Text of the question, such as "metal, fill?", or "metal and not full?" of yes or no."""
+        """Text of the question, such as "metal, fill?", or "metal and not full?" for yes or no."""
         if self.event is not None:
             return f"{self.event.text(self.attributes, self.variables)}?"
         return f"{', '.join(name for name, _ in self.questions)}?"
 
     @property
     def value_names(self) -> tuple[str, ...]:
-        """Names of the attributes (N,), with their groups, as in "fill: half"."""
+        """Names of the N attributes with their groups, as in "fill: half"."""
         names = list(self.attributes)
         for question, indices in zip(self.group_names, self.groups, strict=True):
             for index in indices:
@@ -178,9 +179,9 @@ class Query:
         return cls(tuple(attributes), tuple(groups.values()), tuple(groups))
 
     def by_question(self, values: Sequence[Any] | NDArray[Any]) -> dict[str, Any]:
-        """Return values (N,) of the attributes by question; a group is one question.
+        """Return the N values of the attributes as a dictionary, in which a group is one entry.
 
-        For truth values of a group, return the value that is true, or None if it is not known.
+        The entry of a group is the value that is true, or None if it is not known.
         """
         answers: dict[str, Any] = {}
         for question, indices in self.questions:
@@ -201,12 +202,12 @@ class Query:
 
     @property
     def n_values(self) -> int:
-        """Y, the number of value vectors: 2^N without groups."""
+        """Number Y of combinations of values, which is 2^N without groups."""
         return math.prod(self._sizes)
 
     @property
     def values(self) -> NDArray[np.bool_]:
-        """All value vectors, (Y,N); at most 2^20. The first variable is the most significant."""
+        """All combinations of values, (Y,N); at most 2^20. The first variable changes slowest."""
         if self.n_values > _TABLE_LIMIT:
             raise QueryError(
                 f"2^{len(self)} value vectors do not fit in a table; ask fewer attributes."
@@ -215,11 +216,11 @@ class Query:
 
     @property
     def n_reports(self) -> int:
-        """Number of answers that report something: Y, or 2 of a question of yes or no."""
+        """Number of possible reports: Y, or 2 for yes or no."""
         return self.n_values if self.event is None else 2
 
     def report_of(self, index: int) -> NDArray[np.bool_]:
-        """Return the report of a value vector: values (N,), or whether the answer is yes, (1,)."""
+        """Return the report for N truth values: the values, or whether the answer is yes, (1,)."""
         if self.event is None:
             return self.values_of(index)
         return freeze([index == 1], np.bool_)
@@ -230,17 +231,17 @@ class Query:
         return len(self) if self.event is None else 1
 
     def report_index(self, report: Sequence[bool] | NDArray[np.bool_]) -> int:
-        """Return the index of a report."""
+        """Return the index of a report among the possible reports."""
         return self.index_of(report) if self.event is None else int(report[0])
 
     def report_truth(self, truth: NDArray[np.int8]) -> NDArray[np.int8]:
-        """Return the right report for truths (N,): 1 true, 0 false, -1 unknown."""
+        """Return the right report for N labels: 1 true, 0 false, -1 unknown."""
         if self.event is None:
             return truth
         return freeze([self.event.holds(truth, self.variables)], np.int8)
 
     def index_of(self, values: Sequence[bool] | NDArray[np.bool_]) -> int:
-        """Return the row y of a value vector in `values`; any N."""
+        """Return the row number of a combination in `values`, for any N."""
         # y in mixed radix: a digit for each variable, the first most significant
         row = 0
         for indices, size in zip(self.variables, self._sizes, strict=True):
@@ -252,7 +253,7 @@ class Query:
         return row
 
     def values_of(self, index: int) -> NDArray[np.bool_]:
-        """Return the value vector of row y, (N,); any N."""
+        """Return row y of `values`, (N,), for any N."""
         digits = []
         for size in reversed(self._sizes):
             index, digit = divmod(index, size)
@@ -260,7 +261,7 @@ class Query:
         return freeze(_bits(len(self), self.groups, digits[::-1]), np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_] | None) -> str:
-        """Format a report: yes, no, or values with the true one of each group; None abstains."""
+        """Return the text of a report: yes, no, or the values; None means "I do not know"."""
         if values is None:
             return DO_NOT_KNOW
         if self.event is not None:
@@ -274,6 +275,6 @@ class Query:
 
     @property
     def report_names(self) -> tuple[str, ...]:
-        """Texts of all reports, (Y,), or of no and yes."""
+        """Texts of all reports, in their order; no and yes for a yes-or-no question."""
         reports = self.values if self.event is None else [[False], [True]]
         return tuple(self.report_name(row) for row in reports)

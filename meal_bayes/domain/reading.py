@@ -164,21 +164,21 @@ _REFERENTS = {"object", "thing", "item", "one"}  # how a sentence names the obje
 def read_query(
     question: str | Sequence[str], domain: str | Path | Mapping[str, Any] | Domain
 ) -> Query:
-    """Read a query from a sentence, a comma list, or a list of attribute names.
+    """Read a query from a sentence, a comma-separated list, or a list of attribute names.
 
-    Case and the Unicode form of accents do not matter, and the domain's synonyms are understood (in
-    ROC36, "red" means "brown"). The order of the words is the order of the attributes. If "object"
-    or "thing" is an attribute, a list means this attribute by it, and a sentence with other
-    attributes means the object itself.
+    Upper and lower case and the Unicode form of accents do not matter. The domain's synonyms are
+    understood: in ROC36, "red" means "brown". Attributes are queried in the order in which the text
+    names them. In a domain with an attribute "object" or "thing", the word means the attribute in a
+    list, and the object itself in a sentence with other attributes.
 
-    The name of a group asks for its value, and so do two of its values. A single value ("Is the
-    color red?", "Is it half full?") is asked as an attribute, true or false.
+    The name of a group ("What color is it?"), or two of its values, ask which value the object has.
+    A single value ("Is the color red?", "Is it half full?") asks whether this value is true.
 
     Raises
     ------
     QueryError
-        The question names no attribute, an unknown one (the nearest are suggested), or one twice;
-        or it has a negation or an alternative, which only a question of yes or no may have.
+        The question names no attribute, an unknown attribute, or the same attribute twice; or it
+        contains "not" or "or", which only yes-or-no questions may contain.
 
     Examples
     --------

@@ -88,21 +88,21 @@ def domain_names() -> tuple[str, ...]:
 def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
     """Load a shipped domain by its name, or your own from a TOML file or a dictionary.
 
-    All functions with a parameter `domain` accept the same values. A table may extend another one
-    (``extends = "roc36"``): its keys replace those of the other.
+    Every function with a parameter `domain` accepts the same values. A table may extend another
+    one, as in ``extends = "roc36"``; its keys then replace those of the other table.
 
     Parameters
     ----------
     name : str | Path | Mapping[str, Any] | Domain
-        Name of a shipped domain, path of a TOML file, the table itself, or a domain, which is
-        returned as it is.
+        Name of a shipped domain, path of a TOML file, the content of such a file as a dictionary,
+        or a `Domain`, which is returned unchanged.
 
     Raises
     ------
     SettingsError
         No shipped domain and no file has this name.
     DomainError
-        The table is malformed.
+        The file or the dictionary is not a valid domain.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def domain_from_table(table: object) -> Domain:
     Raises
     ------
     DomainError
-        The table is malformed.
+        The file or the dictionary is not a valid domain.
     """
     table = plain(table)
     if not isinstance(table, dict):

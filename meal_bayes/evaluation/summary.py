@@ -142,14 +142,16 @@ class Summary(list[SummaryRow]):
 
 
 def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> Summary:
-    """Summarize trials in one row per agent, in the order of the agents' first trials.
+    """Summarize trials in one row for each agent, in the order of the agents' first trials.
 
     Parameters
     ----------
     trials : Trials
-        Trials of one data set, because the names of objects are the clusters.
+        Trials of one data set. Errors are computed by clusters, and each object (by its name) is a
+        cluster.
     seconds : Mapping[str, float] | None
-        Computing time of each agent, s. Trials do not contain it; a run does.
+        Computing time of each agent in seconds, which an experiment's result contains and trials do
+        not.
 
     Examples
     --------
@@ -182,22 +184,22 @@ def estimate_mean(outcomes: TrialOutcomes, measure: str) -> Estimate:
 
 
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
-    """Return paired differences between two agents on the tasks that both have.
+    """Return the mean paired difference between two agents on the tasks that both worked on.
 
     Parameters
     ----------
     trials : Trials
-        Trials of both agents; others are ignored.
+        Trials that include both agents; trials of other agents are ignored.
     first, second : str
-        Their names.
+        Names of the two agents.
     measure : str
-        A measure of `estimate_mean`: "reward", "cost", "success" or "abstained".
+        Quantity to compare: "reward", "cost", "success" or "abstained".
 
     Returns
     -------
     Interval
-        Mean of first - second with its interval, in units of the measure: s, or a fraction of
-        trials.
+        Mean of first minus second with its confidence interval. The unit is seconds for reward and
+        cost, and a fraction of trials otherwise.
 
     Examples
     --------
@@ -225,7 +227,7 @@ class Comparison(Measures):
     ----------
     agent, reference : str
     measure : str
-        A measure of `estimate_mean`: "reward", "cost", "success" or "abstained".
+        Quantity to compare: "reward", "cost", "success" or "abstained".
     tasks : int
         Number of tasks of which both have the measure.
     difference, low, high : float
@@ -269,7 +271,7 @@ def comparisons(
     trials : Trials
         Of two agents or more.
     measure : str
-        A measure of `estimate_mean`: "reward", "cost", "success" or "abstained".
+        Quantity to compare: "reward", "cost", "success" or "abstained".
     reference : str | None
         The agent that the others are compared with; by default the paper's, else the first one.
 

@@ -39,7 +39,7 @@ def check_answer(answer: object) -> None:
 
 
 def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
-    """Return the settings as plain values, for headers and JSON."""
+    """Return the settings as plain values, for headers of logs and JSON."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
     values["agents"] = [agent.name for agent in config.agents]
     if not isinstance(config.dataset, str):
@@ -54,36 +54,38 @@ class OfflineConfig:
     Attributes
     ----------
     dataset : str | Path | PerceptTable | Dataset
-        A shipped data set, a percept table or its path, or recordings (see `TableSource.of`). A
-        table that is only in memory is saved in the cache, and the run names it by that path.
+        Name of a shipped data set, a percept table or its path, or recordings (see
+        `TableSource.of`). A table without a path is saved in the cache, and the results name the
+        path there.
     attributes, trials : int
-        Number N of attributes in a question, and number of trials of each agent.
+        Number N of attributes in each question, and number of trials of each agent.
     agents : tuple[Any, ...]
         Agents, given by name or value (see `as_agent`).
     seed : int
         Seed of all random streams.
     percepts, perception : str
-        "recorded" or "model"; "default" or "paper".
+        `percepts` is "recorded", or "model" to draw them from the learned confusion matrices.
+        `perception` is "default" or "paper" and selects the classifiers.
     reward : float | None
-        r+ = -r-, the domain's by default.
+        Reward of a right report; a wrong report gets its negative. The domain's by default.
     answer : str
-        "values" of the attributes; "yes or no", whether all attributes hold; or "balanced", yes or
-        no about attributes and negated attributes ("red and not empty") such that yes is right in
-        half of the trials.
+        Kind of question. "values" asks for the values of the attributes. "yes or no" asks whether
+        all attributes are true. "balanced" asks yes-or-no questions about attributes and negated
+        attributes ("red and not empty"), where yes is right in half of the trials.
     payoffs : Sequence[float] | None
-        Rewards of a right yes, a wrong yes, a right no and a wrong no; by default the domain's, or
-        r+ and r-.
+        Rewards of a right yes, a wrong yes, a right no and a wrong no. By default they are the
+        domain's payoffs, or r+ and r- if it has none.
     key : str
-        Name of the version of your own agents' code. A later run with the same key and settings
-        reuses their trials, so change the key when you change the code. With "" these trials are
-        not reused.
+        Name for the present version of your own agents' code. A later run with the same key and
+        settings reuses trials of these agents, so change the key when you change the code. With "",
+        the trials of your own agents are not reused.
 
     Raises
     ------
     SettingsError
-        An agent is unknown or named twice, the seed is negative, the reward is not positive and
-        finite, the kind of answer is unknown, or payoffs are invalid or given for answers that are
-        values.
+        An agent is unknown or listed twice, the seed is negative, the reward is not positive and
+        finite, the kind of answer is unknown, or payoffs are invalid or do not fit the kind of
+        answer.
 
     Examples
     --------
@@ -133,46 +135,52 @@ class OnlineConfig:
     Attributes
     ----------
     dataset : str
-        A shipped domain, or the path of your own (TOML).
+        Name of a shipped domain, or the path of your own domain file (TOML).
     attributes : int
-        N, asked at a time.
+        Number N of attributes in each question.
     root : str | None
-        Folder of the recordings. Public recordings are found in the cache or downloaded.
+        Folder of the recordings. By default public recordings are read from the cache, or
+        downloaded.
     agents : tuple[Any, ...]
         Agents, given by name or value (see `as_agent`).
     batches, trials : int
-        Number of training batches, and of trials in a batch.
+        Number of training batches, and number of trials in a batch.
     repeats : int
-        Number of runs, each with another split of the objects.
+        Number of runs; each run splits the objects differently.
     seed : int
         Seed of all random streams.
     split : tuple[int, int, int] | tuple[tuple[str, ...], ...]
-        Shares of the objects for pretraining, training and tests, or three tuples of their names.
+        Shares of the objects for pretraining, training and tests, or three tuples with the names of
+        the objects.
     reward : float | None
-        r+ = -r-; by default 300 on public data (Sect. 7.3), else the domain's.
+        Reward of a right report; a wrong report gets its negative. The default is 300 on public
+        data (Sect. 7.3 of the paper), and the domain's reward otherwise.
     alpha, beta : float | None
-        Weights of Eq. 11 for morc_itrs; the agent's own by default.
+        Weights of Eq. 11 for the agent `morc_itrs`; by default its own.
     answers : str
-        "verdict": people say whether the report was right. "joint": each attribute gets this
-        verdict about the whole query as its label, as in the authors' code.
+        What people say after a training trial. With "verdict", they say whether the report was
+        right. With "joint", this verdict about the whole report becomes the label of each
+        attribute, as in the authors' code.
     learning : tuple[tuple[str, Any], ...]
-        Other settings of the learner, as pairs (field of `LearnerSettings`, value).
+        Other settings of the learner, as pairs of a field of `LearnerSettings` and its value.
     percepts : str
-        "recorded", or "model": drawn from the learned matrices, in any number.
+        Source of the percepts: "recorded", or "model" to draw any number of them from the learned
+        confusion matrices.
     normalizer : str
-        Experience that Eq. 10 counts: "paper", of training; "all", of pretraining too.
+        Experience that Eq. 10 counts: "paper" counts training only, "all" counts pretraining too.
     horizon : int
-        Expected number of queries to come, which decides what exploring is worth.
+        Expected number of future questions, which determines how much exploration is worth.
     log : str
-        "full", or "compact": logs of tests hold outcomes, and the steps of the worst test of each
-        batch and of ten tests drawn at random, the same for all agents.
+        Size of the logs. "full" logs hold all steps. "compact" logs of tests hold the outcomes of
+        all tests, and the steps of the worst test of each batch and of ten random tests, which are
+        the same for all agents.
     key : str
-        As for `OfflineConfig`.
+        Name for the version of your own agents' code, as for `OfflineConfig`.
 
     Raises
     ------
     SettingsError
-        A setting is unknown or out of range, or an agent is named twice.
+        A setting is unknown or out of range, or an agent is listed twice.
 
     Examples
     --------

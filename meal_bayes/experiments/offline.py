@@ -345,33 +345,35 @@ def run_offline(
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OfflineRun:
-    """Run an offline experiment; finished parts of an earlier run are read and not run again.
+    """Run an offline experiment; parts that an earlier run finished are read, not run again.
 
-    Several processes may run it on one folder of logs at the same time; they share the work.
+    Several processes may run the same experiment on one folder of logs at the same time; they share
+    the work.
 
     Parameters
     ----------
     config : OfflineConfig
-        Settings of the run. Tasks, failures and recordings are the same for all its agents.
+        Settings of the experiment. All its agents get the same tasks, failures and recordings.
     logs : str | Path
-        Folder of the logs. On a cluster, all machines must see it.
+        Folder for the logs. On a cluster, all machines must have access to it.
     jobs : int
-        Number of processes. With another backend of joblib, as in `with
-        joblib.parallel_config("dask"):`, the workers of a cluster run the trials.
+        Number of processes. Under another backend of joblib, such as
+        `joblib.parallel_config("dask")`, the workers of a cluster run the trials.
     fresh : bool
-        Whether to run finished units again; each replaces the old one when it is done.
+        Whether to run finished parts again. Each new part replaces the old one when it is done.
     on_progress : Callable[[float, int], None] | None
-        Called with (trials done, trials in all) once a second, from a thread. For workers on other
-        machines it is called after every 100 trials.
+        Called once a second from a thread with the number of finished trials and the number of all
+        trials. If workers run on other machines, it is called after every 100 trials.
     on_note : Callable[[str], None] | None
-        Called with a line that names the other process that this one waits for; logged by default.
+        Called with a message if this process has to wait for another one. By default the message is
+        logged.
 
     Raises
     ------
     SettingsError
-        The settings cannot be run.
+        The experiment cannot be run with these settings.
     OutputError, LogError
-        Logs cannot be written.
+        The logs cannot be written.
 
     Examples
     --------

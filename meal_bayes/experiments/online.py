@@ -497,22 +497,23 @@ def run_online(
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OnlineRun:
-    """Run an online experiment; finished parts of an earlier run are read and not run again.
+    """Run an online experiment; parts that an earlier run finished are read, not run again.
 
-    Several processes may run it on one folder of logs at the same time; they share the work.
+    Several processes may run the same experiment on one folder of logs at the same time; they share
+    the work.
 
     Parameters
     ----------
     config : OnlineConfig
-        Settings of the run. Objects, tasks, failures and recordings are the same for all its
-        agents.
+        Settings of the experiment. All its agents get the same objects, tasks, failures and
+        recordings.
     logs, jobs, on_note : Any
         As for `run_offline`.
     fresh : bool
-        Whether to run finished batches again; each replaces the old one when it is done.
+        Whether to run finished batches again. Each new batch replaces the old one when it is done.
     on_progress : Callable[[float, int], None] | None
-        Called with (batches done, batches in all) once a second, from a thread. For workers on
-        other machines it is called after every repeat of an agent.
+        Called once a second from a thread with the number of finished batches and the number of all
+        batches. If workers run on other machines, it is called after every repeat of an agent.
 
     Examples
     --------

@@ -133,46 +133,49 @@ class _Fits:
 
 
 class Learner:
-    """An agent with its experience, which answers questions and learns from trials and labels.
+    """An agent that answers questions, keeps its experience, and learns from trials and labels.
 
-    It works with any robot and begins with recordings or without. With a percept table, it replays
-    the objects of the table; what it knows in a trial was learned without the object.
+    A learner works with any robot, and can begin with recordings or without any. If it is given a
+    percept table, it replays the objects of the table; in each trial it uses only what was learned
+    from other objects.
 
     Parameters
     ----------
     domain : str, path, mapping or Domain
-        A shipped domain, the path of a TOML file, its table, or a domain.
+        A shipped domain by its name, the path of a TOML file, its content as a dictionary, or a
+        `Domain`.
     agent : str | Agent | Solver
-        Agent that decides; see `meal_bayes.agents.as_agent`.
+        Agent that chooses the behaviors; see `meal_bayes.agents.as_agent`.
     seed : int
         Seed of the planner and of the draws in replays.
     classifier : object
-        A scikit-learn classifier in place of ours; see `meal_bayes.perception.with_classifier`.
+        A scikit-learn classifier that replaces the default classifier; see
+        `meal_bayes.perception.with_classifier`.
     posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
-        Posterior of the confusion matrices in place of the one that `fit` learns (see
-        `posterior.reading.posterior_from`). It must not have learned from the objects that are
-        asked about.
+        Posterior of the confusion matrices that replaces the one that `fit` learns. It must not be
+        learned from the objects about which you ask.
     reward : float, optional
-        r+ = -r- of a report; the domain's by default.
+        Reward of a right report; a wrong report gets its negative. The domain's by default.
     payoffs : Sequence[float], optional
-        Four rewards: of a right yes, a wrong yes, a right no and a wrong no. They hold for
-        questions of yes or no without payoffs of their own; the domain's by default.
+        Rewards of a right yes, a wrong yes, a right no and a wrong no. They apply to yes-or-no
+        questions that have no payoffs of their own. The domain's by default.
     percepts : str
-        Percepts in replays: "recorded", or "model", drawn from the learned confusion matrices.
+        Source of the percepts in replays: "recorded", or "model" to draw them from the learned
+        confusion matrices.
     refit_every : float, optional
-        Refit when the number of labeled instances has grown by this fraction; None: only by
-        `refit`.
+        Refit when the number of labeled executions has grown by this fraction. With None, the
+        learner refits only if `refit` is called.
     learn_success : bool
-        Whether to learn the success rates of behaviors at every refit, or take them from the
-        domain.
+        Whether to learn the success rates of behaviors at every refit. If False, they are taken
+        from the domain.
     horizon : float, optional
-        Expected number of questions to come, which decides what exploring is worth; by default 20
-        more than it has asked so far, without tests.
+        Expected number of future questions, which determines how much exploration is worth. By
+        default it is 20 more than the number of questions so far, without tests.
     logs : str or path, optional
-        Folder of the logs of trials with a robot; None turns logging off.
+        Folder for the logs of trials with a robot; None turns logging off.
     settings : LearnerSettings, optional
-        All of these settings except agent and logs, and rarer ones, as one value. If it is given,
-        none of them may be given by name.
+        All of these settings except `agent` and `logs`, and rarer ones, as one value. If you pass
+        it, you cannot pass its settings by name too.
 
     Examples
     --------
@@ -252,7 +255,7 @@ class Learner:
 
     @property
     def agent(self) -> Agent:
-        """Agent that decides. If it is set, the new agent learns from the same experience."""
+        """Agent that chooses behaviors; a new agent learns from the same experience when set."""
         return self._agent
 
     @agent.setter
@@ -266,7 +269,7 @@ class Learner:
                 self._log_change(change)
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return the knowledge; with a percept table, learned without one of its objects."""
+        """Return what was learned, without a given object if there is a percept table."""
         if self.table is None:
             return self.fitted(self.agent).knowledge
         if object_name is None:
@@ -278,7 +281,7 @@ class Learner:
             return self._fits.held_out(self.table, self.agent, o).knowledge
 
     def fitted(self, agent: Agent) -> Online:
-        """Return what an agent has learned from the experience, fitted when it is first needed."""
+        """Return what an agent learns from the experience; it is fitted when it is first needed."""
         with self._lock:
             return self._fits.of(agent)
 
@@ -290,17 +293,17 @@ class Learner:
         answer: str = "values",
         payoffs: Sequence[float] | None = None,
     ) -> Task:
-        """Return the task of a question; an object without a name gets one."""
+        """Return the task of a question; an object without a name gets a new one."""
         return self._read(question, object_name, answer=answer, payoffs=payoffs)[0]
 
     def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
-        """Return the decision problem of a question in a test."""
+        """Return the decision problem of a question, as in a test (without exploration bonus)."""
         task, _ = self._read(question, object_name)
         with self._lock:
             return problem_of(self._fit(task, learn=False), task)
 
     def policy(self, question: Question, object_name: str | None = None) -> Policy:
-        """Return the policy for a question in a test."""
+        """Return the policy for a question, as in a test (without exploration bonus)."""
         task, streams = self._read(question, object_name)
         with self._lock:
             return self._fit(task, learn=False).plan(task, streams, limit=np.inf, explore=False)[1]
@@ -308,9 +311,9 @@ class Learner:
     def replay(
         self, question: Question, object_name: str | None = None, *, seed: int | None = None
     ) -> RecordedRobot:
-        """Return the robot that replays an object of the percept table.
+        """Return a simulated robot that replays the recordings of an object of the percept table.
 
-        The seed, by default the learner's, determines failures and the order of recordings.
+        The seed determines failures and the order of recordings. By default it is the learner's.
         """
         if self.table is None:
             raise SettingsError(NO_TABLE)
@@ -350,45 +353,49 @@ class Learner:
     ) -> Trial:
         """Answer a question about the object in front of a robot.
 
-        Every step is on disk before the next behavior. If an exception of the driver or an
-        interruption ends the trial, the trial so far is logged, and the exception is raised again.
+        Each step is written to disk before the next behavior begins. If an exception of the robot's
+        driver or an interruption ends the trial, the trial so far is logged, and the exception is
+        raised again.
 
         Parameters
         ----------
         question : Question
-            A sentence ("Is it heavy?"), a comma list, or names of attributes.
+            A sentence ("Is it heavy?"), a comma-separated list, or names of attributes.
         robot : Robot or str, optional
-            A robot (see `Robot`), or the name of an object of the percept table, which is replayed.
+            A robot (see `Robot`), or the name of an object of the percept table to replay.
         truth : mapping or array, optional
-            The known part of the truth, {attribute: True or False}; it is compared with the report
-            afterwards.
+            The true attributes as far as known, {attribute: True or False}. The truth is only
+            compared with the report after the trial.
         object_name : str, optional
-            Name by which an agent with `memory` recognizes the object; a new object by default.
+            Name by which an agent with `memory` recognizes the object. By default it is a new
+            object.
         answer : str
-            "values" of the attributes, or "yes or no" ("Is it red and not empty?"); see
-            `read_event`.
+            Kind of answer: "values" of the attributes, or "yes or no" ("Is it red and not empty?");
+            see `read_event`.
         payoffs : Sequence[float], optional
-            Rewards of a right yes, a wrong yes, a right no and a wrong no; the learner's by
+            Rewards of a right yes, a wrong yes, a right no and a wrong no. The learner's by
             default.
         learn : bool
-            Whether the robot explores and learns from the trial. Otherwise it is a test, as replays
-            of a table always are.
+            Whether the robot explores and learns from the trial. Otherwise the trial is a test;
+            replays of a percept table always are tests.
         log : str or Path, optional
-            File of the trial's log (.mcap); a new file in the folder of logs by default.
+            File for the log of the trial (.mcap). By default it is a new file in the folder of
+            logs.
         key : str or int, optional
-            Name of the random streams. By default it is the number of questions so far, where tests
-            and other trials count separately; in replays there is none.
+            Name of the random streams of the trial; equal keys and seeds give equal draws. By
+            default it is the number of questions so far, counted separately for tests and other
+            trials. Replays have no key.
         max_steps, max_cost, on_step : int, float, callable
             See `Session`.
 
         Raises
         ------
         QueryError
-            The question cannot be understood.
+            The question cannot be read.
         SettingsError
-            The learner was not fitted with the data that the robot needs.
+            The learner was not fitted with the data that this robot needs.
         RobotError
-            The robot returned a state in which it cannot be.
+            The robot returned a state that is impossible after the behavior.
         """
         driver, object_name = robot_or_name(robot, object_name)
         if (driver is None) == (self.table is None):
@@ -426,18 +433,19 @@ class Learner:
         commanded: bool = False,
         seed: int | None = None,
     ) -> Session:
-        """Begin a trial that your own loop drives; see `Session`.
+        """Begin a trial whose loop is your own code; see `Session`.
 
-        The loop executes `session.behavior` and passes its `Outcome` to `observe`, until the trial
-        is `over`. Then `report` is the answer.
+        Your loop executes `session.behavior` and passes the `Outcome` to `session.observe` until
+        `session.over` is true. The answer is then `session.report`.
 
         Parameters
         ----------
         state : str, optional
-            State of the robot. By default it is the domain's start, unless the last trial left the
-            robot elsewhere. An impossible state raises a `RobotError`.
+            Present state of the robot. By default it is the domain's start state. If the last trial
+            left the robot in another state, this argument is required. An impossible state raises a
+            `RobotError`.
         commanded : bool
-            Whether your program decides too, by `Session.command`.
+            Whether your program chooses behaviors too, by `Session.command`.
         seed : int, optional
             Seed of the random draws; the learner's by default.
         question, object_name, truth, answer, payoffs, learn, log, key : Any
@@ -446,8 +454,8 @@ class Learner:
         Raises
         ------
         SettingsError
-            `state` is missing, although the last trial left the robot in another state than the
-            domain's start.
+            `state` is missing, and the last trial left the robot in another state than the domain's
+            start state.
         """
         diagram = self.domain.diagram
         if state is None:
@@ -486,32 +494,33 @@ class Learner:
     ) -> Found:
         """Ask about one object after another, the most probable first, until one answer is yes.
 
-        Each question is an ordinary trial with its own log. If one arm handles all objects, `start`
-        of each robot puts down what the arm holds and turns to its object; the trial begins in the
-        state that `start` returns.
+        Each question is an ordinary trial with its own log. If one arm handles all objects, the
+        method `start` of each robot must put down what the arm holds and turn to its own object.
+        The trial begins in the state that `start` returns.
 
         Parameters
         ----------
         question : str | Sequence[str] | Query
-            A question of yes or no about each object ("Which one is full and red?").
+            A yes-or-no question about each object ("Which one is full and red?").
         objects : Sequence[str] | Mapping[str, Robot]
-            Names of objects of the percept table, which are replayed, or {name: robot}. The learner
-            does not use the labels of these objects of the table.
+            Names of objects of the percept table to replay, or {name: robot}. The learner does not
+            use the labels that the table has for these objects.
         truth : mapping, optional
-            The known truth, {object: {attribute: True or False}}; it is only compared with the
-            answers.
+            The known truth, {object: {attribute: True or False}}. The truth is only compared with
+            the answers.
         payoffs : Sequence[float], optional
-            Four rewards, as for `ask`; by default a yes has the usual reward, and a no earns 0.
+            Four rewards, as for `ask`. By default the answer yes gets the usual reward, and the
+            answer no gets 0.
         learn, max_steps, max_cost, on_step : Any
-            As for `ask`, for each trial.
+            As for `ask`; they apply to each trial.
         log : str or Path, optional
-            Folder of the trials' logs, which are numbered in their order; by default a new folder
-            in the folder of logs.
+            Folder for the logs of the trials, which are numbered in their order. By default it is a
+            new folder in the folder of logs.
 
         Returns
         -------
         found : Found
-            The object, its probability, the total cost, and the trials.
+            The object that was found, its probability, the total cost, and the trials.
 
         Raises
         ------
@@ -521,7 +530,7 @@ class Learner:
             There are no objects, an object is given twice, or the learner lacks the data that the
             robots need.
         RobotError
-            A robot returned a state in which it cannot be.
+            A robot returned a state that is impossible after the behavior.
 
         Examples
         --------
@@ -560,30 +569,31 @@ class Learner:
         return Found(None, trials)
 
     def resume(self, log: str | Path | None = None, *, state: str | None = None) -> Session:
-        """Continue a trial from its log after its process has ended.
+        """Continue an interrupted trial from its log after its process has ended.
 
-        Use the learner that began the trial, or one that was saved before and loaded since. It
-        learns from the logged steps, and the trial continues after them, even if the agent would
-        now decide otherwise; then a warning says so. The
-        agent decides when the session's `behavior` or `over` is read, so `cancel` costs no
-        planning. `give_up` ends the trial wherever the robot is.
+        Use the learner that began the trial, or one that was saved before the trial and loaded
+        again. The learner learns from the logged steps, and the trial continues after the last one.
+        If the agent would now choose other behaviors than those logged, a warning says so. The
+        agent plans only when the session's `behavior` or `over` is read, so `cancel` needs no
+        planning. To end the trial without continuing it, call `give_up`, which works in every state
+        of the robot.
 
         Parameters
         ----------
         log : str or Path, optional
-            Log of the trial, its draft, or a folder of logs with one interrupted trial; this
-            learner's folder by default.
+            Log of the trial, its unfinished draft, or a folder of logs with one interrupted trial.
+            By default it is this learner's folder.
         state : str, optional
-            Present state of the robot, which must be the last state of the log. It may be left out
-            if the domain has one state only.
+            Present state of the robot, which must be the last state of the log. You can leave it
+            out if the domain has only one state.
 
         Raises
         ------
         LogError
-            There is no interrupted trial, or several; the trial has other states or levels; another
-            process drives the robot; or the robot is in another state.
+            There is no interrupted trial, or there are several; the trial has other states or
+            percept levels; another process still runs the trial; or the robot is in another state.
         SettingsError
-            The trial is of another domain, or `state` is missing.
+            The trial belongs to another domain, or `state` is missing.
 
         Examples
         --------
@@ -617,10 +627,10 @@ class Learner:
             return session
 
     def give_up(self, log: str | Path | None = None) -> Trial:
-        """End a trial whose process has ended, and complete its log.
+        """End an interrupted trial whose process has ended, and complete its log.
 
-        Nothing is planned or decided, and the robot may be in any state. The learner learns from
-        the steps of the trial if the trial has its domain and levels.
+        The agent plans nothing, and the robot may be in any state. The learner learns from the
+        steps of the trial if its domain and percept levels are those of the trial.
 
         Parameters
         ----------
@@ -630,13 +640,14 @@ class Learner:
         Returns
         -------
         trial : Trial
-            The trial so far, whose `ended` is "cancelled". A trial that had answered keeps its
-            answer.
+            The trial so far, whose `ended` is "cancelled". A trial that has an answer already keeps
+            it.
 
         Raises
         ------
         LogError
-            There is no interrupted trial, or several; or another process drives it.
+            There is no interrupted trial, or there are several; or another process still runs the
+            trial.
 
         Examples
         --------
@@ -662,19 +673,19 @@ class Learner:
         return trial
 
     def hear_trial(self, trial: Trial, n_steps: int | None = None) -> None:
-        """Record a trial of a log, or its first steps; where it ended, learn from it."""
+        """Record a trial from a log, or its first steps, and learn from it if it has ended."""
         self.record(trial if n_steps is None else replace(trial, steps=trial.steps[:n_steps]))
         if n_steps is None and trial.ended != UNFINISHED:
             with self._lock:
                 self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
 
     def hear_moved(self, rows: NDArray[np.intp], anew: bool) -> None:
-        """Learn from labels of instances (k,) as when they were told: refit where that is due."""
+        """Learn from new labels of k executions, and refit if enough labels are new."""
         with self._lock:
             self._fits.update(rows, refit=True, anew=anew)
 
     def hear_change(self, change: Change, own: Agent) -> None:
-        """Learn all anew, or for another agent or attribute, as when a log says it was done."""
+        """Repeat a logged change: a refit, another agent, or a new attribute."""
         with self._lock:
             if change.added:
                 if not {change.added, *change.values} & {*self.domain.attributes}:
@@ -690,10 +701,10 @@ class Learner:
 
     @contextlib.contextmanager
     def hearing_changes(self, changes: Sequence[Change]) -> Iterator[Agent]:
-        """Yield its own agent; the block hears these changes of the agent, in their order.
+        """Yield this learner's own agent to a block that repeats logged changes of agents in order.
 
-        Who decides behind the block is the last one, if this learner had the agent of before the
-        first change; else its own agent decides again.
+        After the block, the agent is that of the last change if this learner had the agent that the
+        first change replaced. Otherwise it is this learner's own agent again.
         """
         own = self.agent
         follows = not changes or agent_digest(own) == changes[0].before
@@ -714,7 +725,7 @@ class Learner:
         self._agent = known[0] if known else own
 
     def note_state(self, trials: Sequence[Trial]) -> None:
-        """Remember where the last of these trials with a robot that moved in one left it."""
+        """Remember in which state the last of these trials left the robot."""
         for trial in trials:
             ends = [step.next_x for step in trial.steps if step.next_x != trial.momdp.terminal]
             names = trial.momdp.x_names
@@ -722,7 +733,7 @@ class Learner:
                 self._robot_state = names[ends[-1]]
 
     def note_question(self, header: Mapping[str, object]) -> None:
-        """Count the question of a log of before a restart, by its header, if it was not yet."""
+        """Count the question of a log written before a restart, unless it is counted already."""
         with self._lock:
             self._questions.count_resumed(header)
 
@@ -861,14 +872,14 @@ class Learner:
     # Experience.
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
-        """Learn from recordings, which join the experience, or take a percept table to replay.
+        """Add recordings to the experience and learn from them, or take a percept table to replay.
 
         Raises
         ------
         SettingsError
-            The data are of another domain.
+            The data belong to another domain.
         DataError
-            Features have another size than those learned from before.
+            Features have another size than those of the experience.
         """
         check_data(data, self.domain)
         with self._lock:
@@ -881,14 +892,14 @@ class Learner:
         return self
 
     def refit(self) -> Self:
-        """Learn everything anew from the experience."""
+        """Train classifiers and compute the posterior again from all experience."""
         with self._lock:
             self.hear_refit()
             self._log_change(self._change(self.agent, refit=True))
         return self
 
     def hear_refit(self) -> None:
-        """Learn everything anew, as `refit` does; no log says so."""
+        """Do what `refit` does, without logging it."""
         with self._lock:
             self._fits.clear()
             if self.table is None:
@@ -917,13 +928,14 @@ class Learner:
     def add_attribute(self, name: str, values: Sequence[str] = ()) -> Self:
         """Add an attribute to the domain, or a group with its values.
 
-        Earlier recordings count: when labels of the attribute are given, also for objects met
-        before, classifiers learn it from all recordings of these objects. The learner refits now,
-        and whenever the labels of an added attribute have grown by `refit_every`. A trial in
-        progress keeps the attributes that it began with.
+        Earlier recordings are used too: as soon as objects get labels of the attribute, classifiers
+        learn it from all recordings of these objects. The learner refits at once, and again
+        whenever the number of labels of an added attribute has grown by the fraction `refit_every`.
+        A trial in progress keeps the attributes with which it began.
 
-        The learner's domain and its saved files have the attribute from now on. The logs record the
-        addition, so `recall` repeats it. The file from which the domain was read does not change.
+        From then on, the attribute is part of the learner's domain and of its saved files. The logs
+        record the addition, so `recall` repeats it. The file from which the domain was read does
+        not change.
 
         Parameters
         ----------
@@ -936,10 +948,10 @@ class Learner:
         Raises
         ------
         DomainError
-            The domain has the name already, or it is not a valid name.
+            The domain already has the name, or the name is not valid.
         SettingsError
-            The learner has a percept table or a posterior of your own, which cannot have another
-            attribute.
+            The learner has a percept table or a posterior of your own, to which no attribute can be
+            added.
 
         Examples
         --------
@@ -966,7 +978,7 @@ class Learner:
         return self
 
     def hear_attribute(self, name: str, values: Sequence[str]) -> None:
-        """Add an attribute, or a group, as `add_attribute` does; no log says so."""
+        """Do what `add_attribute` does, without logging it."""
         with self._lock:
             self.domain = with_attribute(self.domain, name, values)
             self.experience.add_attributes(self.domain)
@@ -974,26 +986,28 @@ class Learner:
             self._fit_agents()
 
     def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:
-        """Learn from labels of a trial's object; the posterior is updated at once.
+        """Learn from labels that a person gives for an object, and update the posterior at once.
 
-        The differences between objects and the correlations of errors stay as they are until the
-        next refit. If trials are logged, labels are logged too, those of a trial beside its log.
+        The estimates of how objects differ and of how errors correlate do not change until the next
+        refit. If trials are logged, labels are logged too; the labels of a trial are in a file
+        beside its log.
 
         Parameters
         ----------
         trial : Trial or str
-            A trial, also of another learner, or an object's name.
+            A trial of this or another learner, or the name of an object.
         values : mapping
-            True, False or None by attribute, asked or not. A later label of the same trial, or by
-            the object's name, replaces the earlier one. If labels of several trials contradict each
-            other, the latest one holds for the object.
+            True, False or None for each attribute, whether the trial asked about it or not. A later
+            label for the same trial, or for the same name, replaces the earlier one. If labels from
+            several trials of an object contradict each other, the latest label is used.
 
         Raises
         ------
         QueryError
-            The domain does not have an attribute, or the name of the object is invalid.
+            An attribute is not in the domain, or the name of the object is invalid.
         SettingsError
-            A value is not a label, or the trial has other levels than the agent.
+            A value is not a label, or the percepts of the trial have other levels than those of the
+            agent.
         """
         labels = checked_labels(values, self.domain)
         if not (labels >= 0).any():
@@ -1027,20 +1041,20 @@ class Learner:
             self._learn_told(trial, telling, moved)
 
     def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
-        """Remove the labels of a trial; refit if the last refit used them.
+        """Remove the labels of a trial or an object, and refit if the last refit used them.
 
         Parameters
         ----------
         trial : Trial or str
-            A trial, or the name of an object, whose labels were given by name or with recordings.
+            A trial, or the name of an object that was labeled by its name or with recordings.
         recordings : bool
-            Whether to remove the recordings and failures of the trial too. Then the learner refits
+            Whether to remove the recordings and failures of the trial too. The learner then refits
             as if the trial had never taken place.
 
         Raises
         ------
         SettingsError
-            There is nothing to remove.
+            There are no labels or recordings to remove.
         """
         name = trial if isinstance(trial, str) else trial.task.object_name
         key = (
@@ -1055,7 +1069,7 @@ class Learner:
             self._learn_told(trial, telling, moved)
 
     def note_folders(self, folders: Mapping[Key, Path]) -> None:
-        """Note in which folders the logs of trials lie: beside them labels are logged."""
+        """Store the folders of the trials' logs, so that labels are logged beside them."""
         if self._logs.log_path(None) is not None:
             self._logs.note(folders)
 
@@ -1077,11 +1091,11 @@ class Learner:
             log_told(self.experience, folder, feedback)
 
     def record(self, trial: Trial) -> None:
-        """Add a trial of another learner, or of a log, to the experience.
+        """Add a trial of another learner, or from a log, to the experience.
 
-        This learner's classifiers compute percepts from the features of its steps. For steps
-        without features, the percepts of the queried attributes are used. Steps that were added
-        before are not added again. You can then give labels for the trial.
+        This learner's classifiers compute percepts from the features of the steps. If a step has no
+        features, its logged percepts of the queried attributes are used. Steps that were added
+        before are not added again. Afterwards `tell` accepts labels for the trial.
 
         Parameters
         ----------
@@ -1091,7 +1105,7 @@ class Learner:
         Raises
         ------
         SettingsError
-            The trial has other behaviors.
+            The trial has other behaviors than the domain.
         """
         check_domain(self.domain, trial)
         with self._lock:
@@ -1100,13 +1114,13 @@ class Learner:
             record_steps(self.experience, trial, views.unrecorded(self.experience, trial))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write the learner into one file, for `load`. A failed write leaves no partial file.
+        """Write the learner into one file that `load` reads; a failed write leaves no partial file.
 
         Parameters
         ----------
         path : str or Path
-            File to write. An existing file is replaced only if this learner loaded or saved it
-            last, or with `overwrite=True`.
+            File to write. An existing file is replaced only if this learner was the last to load or
+            save it, or with `overwrite=True`.
         overwrite : bool
             Whether to replace any existing file.
 
@@ -1128,23 +1142,24 @@ class Learner:
         classifier: object = None,
         logs: str | Path | None = LOGS,
     ) -> Self:
-        """Read a learner from a file. Only classifiers of your own are fitted again.
+        """Read a learner from a file that `save` wrote; only classifiers of your own are refitted.
 
         Parameters
         ----------
         path : str or Path
             File that `save` wrote.
         agent, classifier : object, optional
-            Your own agent or classifier, if the learner had one; shipped agents are found by name.
+            Your own agent or classifier, if the learner was saved with one. Agents of the package
+            are found by their names.
         logs : str or Path, optional
-            Folder of new logs, where `resume` also looks for interrupted trials. The file does not
-            contain it, because another machine may load the file. Call `recall(learner, folder)` so
-            that labels of earlier trials are logged beside their logs.
+            Folder for new logs, in which `resume` also looks for interrupted trials. The file does
+            not name this folder, because another machine may load the file. Call `recall(learner,
+            folder)` if labels of earlier trials should be logged beside their logs.
 
         Raises
         ------
         DataError
-            The file is not a learner, is damaged, or has another version.
+            The file does not contain a learner, is damaged, or was written by another version.
         SettingsError
             Your own agent or classifier is missing.
         """
@@ -1189,42 +1204,43 @@ def ask(
     log: str | Path | None = None,
     logs: str | Path | None = LOGS,
 ) -> Trial:
-    """Ask an agent about a recorded object from which it has not learned.
+    """Ask an agent about a recorded object, without learning from this object before.
 
-    Equal arguments give equal trials.
+    The result is deterministic: equal arguments give equal trials.
 
     Parameters
     ----------
     question : str | Sequence[str]
-        A sentence ("Is it heavy?"), a comma list, or a list of attribute names.
+        A sentence ("Is it heavy?"), a comma-separated list, or a list of attribute names.
     dataset : str | Path | PerceptTable
-        A shipped data set (roc36, ispy32, cy101), the path of your own table made by
-        `save_percepts` (.npz), or a percept table.
+        Name of a shipped data set (roc36, ispy32, cy101), the path of a percept table that
+        `save_percepts` wrote (.npz), or a percept table.
     object : str
-        The object's name.
+        Name of the object.
     agent : object
-        A name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
+        Name of an agent, an `Agent`, or a planner; see `meal_bayes.agents.as_agent`.
     answer, payoffs : str, Sequence[float] | None
-        "values" or "yes or no", and the payoffs of yes and no, as for `Learner.ask`.
+        Kind of answer ("values" or "yes or no"), and payoffs of yes and no, as for `Learner.ask`.
     seed : int
-        Seed of failures, the order of recordings, and planning.
+        Seed of failed behaviors, of the order of recordings, and of planning.
     percepts : str
-        "recorded", or "model": drawn from the learned confusion matrices.
+        Source of the percepts: "recorded", or "model" to draw them from the learned confusion
+        matrices.
     reward : float | None
-        r+ = -r-, the domain's by default.
+        Reward of a right report; a wrong report gets its negative. The domain's by default.
     on_step : Callable[[Step], None] | None
         Called after every step.
     log : str | Path | None
-        Path of the trial's log (.mcap); one in the folder of logs by default.
+        Path of the trial's log (.mcap). By default it is a new file in the folder of logs.
     logs : str | Path | None
-        Folder of logs; None logs nothing, unless `log` names a path.
+        Folder of logs. With None, nothing is logged unless `log` is a path.
 
     Raises
     ------
     SettingsError
         The data set, object or agent is unknown.
     QueryError
-        The question names no attribute, an unknown one, or one twice.
+        The question names no attribute, an unknown attribute, or the same attribute twice.
 
     Examples
     --------

@@ -23,39 +23,40 @@ from meal_bayes.trials import Trial
 
 
 def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
-    """Rebuild the experience of a learner from the logs of its robot's trials.
+    """Rebuild the experience of a learner from the logs of its trials.
 
     The logs contain the executed behaviors, their success, the features and percepts, and the
-    labels that people gave. Trials and labels are learned in the order of their times. The learner
-    refits when the learner that wrote the logs did, so that both know exactly the same. If the name
-    of a log does not contain its time, the learner refits at the end.
+    labels that people gave. The learner learns from trials and labels in the order of their times.
+    It refits at the same points as the learner that wrote the logs, so that both get exactly the
+    same result. If the name of a log does not contain a time, the learner refits at the end
+    instead.
 
-    Changes of the agent are repeated if the agent is shipped or known to this learner; a learner
-    that began with another agent keeps its own. Attributes that were added
-    (`Learner.add_attribute`) are added again, and trials that were forgotten with their recordings
-    are forgotten again. An interrupted or unfinished trial is recorded as far as it went, and
-    completed later; `resume` continues it.
+    A logged change of the agent is repeated if the new agent is one of the package or known to this
+    learner. A learner that began with another agent than the logged one keeps its agent. Attributes
+    that were added (`Learner.add_attribute`) are added again, and trials that were forgotten with
+    their recordings are forgotten again. The steps of an interrupted trial are recorded;
+    `Learner.resume` can continue the trial.
 
-    Tests, trials that the learner has already, and trials without features whose percepts have
-    other levels than its agent's are skipped. Labels given for them, or removed, still count if the
-    learner does not have them yet. A warning names damaged logs.
+    Three kinds of trials are skipped: tests, trials that the learner has already, and trials
+    without features whose percepts have other levels than those of the agent. Their labels are
+    still learned or removed, if the learner has not done so yet. A warning names damaged logs.
 
     Parameters
     ----------
     logs : str or Path
-        Log files, or folders of log files.
+        A log file or a folder of log files, or several of them.
 
     Returns
     -------
     trials : list[Trial]
-        Trials that were added to the experience, in their order.
+        Trials that were added to the experience, in the order of their times.
 
     Raises
     ------
     LogError
-        Logs cannot be read, are of several data sets, or do not exist.
+        Logs cannot be read, belong to several data sets, or do not exist.
     SettingsError
-        The trials are of another domain.
+        The trials belong to another domain.
 
     Examples
     --------

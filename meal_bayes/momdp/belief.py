@@ -165,22 +165,23 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Belief(FrozenArrays):
-    """Belief in a trial: the observed state x, the evidence about each attribute, and the percepts.
+    """Belief in a trial: the observed state, the evidence about each attribute, and the percepts.
 
     Attributes
     ----------
     x : int
-        Index of the state.
+        Index of the observed state.
     log_prob : NDArray[np.float64]
-        (N,C) ln Pr(latent class); the classes are false and true in the paper.
+        (N,C) logarithm of Pr(latent class); in the paper the two classes are false and true.
     percept_counts : NDArray[np.int64]
-        (N,E,K) percepts of this object so far, by level.
+        (N,E,K) number of percepts of this object so far, by attribute, behavior and level.
     log_odds : NDArray[np.float64]
-        (N,) log-odds of the truth; see `belief_of`.
+        (N,) log-odds that each attribute is true; see `belief_of`.
     groups : tuple[tuple[int, ...], ...]
         Indices of attributes of which exactly one is true, as in the query.
     joint_table : NDArray[np.float64] | None
-        (Y,) Pr(values) if the prior is a joint distribution; `log_odds` are its marginals.
+        (Y,) probability of each combination of values if the prior is a joint distribution. Its
+        marginals are then `log_odds`. Otherwise None.
 
     Examples
     --------
@@ -210,35 +211,35 @@ class Belief(FrozenArrays):
         }
 
     def at(self, x: int) -> "Belief":
-        """Return the same belief at another x."""
+        """Return the same belief in another observed state."""
         return replace(self, x=x)
 
     @property
     def shown(self) -> NDArray[np.int64]:
-        """Number of percepts of each behavior, (E,), about some attributes or all."""
+        """Return the number of percepts of each behavior, (E,), about all or some attributes."""
         return np.asarray(self.percept_counts.sum(axis=2).max(axis=0, initial=0), np.int64)
 
     @property
     @tiny_is_zero
     def positive(self) -> NDArray[np.float64]:
-        """Pr(attribute is true), (N,)."""
+        """Probability of each attribute, (N,)."""
         with np.errstate(over="ignore"):
             return freeze(1.0 / (1.0 + np.exp(-self.log_odds)))
 
     @property
     def marginals(self) -> list[NDArray[np.float64]]:
-        """Probabilities of each variable's values, in the order of `Query.variables`."""
+        """Probabilities of the values of each variable (see `Query.variables`)."""
         return by_variable(self.positive, self.groups)
 
     @property
     def factors(self) -> list[NDArray[np.float64]]:
-        """Factors of the belief: the `marginals`, or one joint table if attributes are coupled."""
+        """Independent factors of the belief: `marginals`, or else one joint table."""
         return self.marginals if self.joint_table is None else [self.joint_table]
 
     @property
     @tiny_is_zero
     def joint(self) -> NDArray[np.float64]:
-        """Pr(y) of every value vector, (Y,); small N only."""
+        """Probability of every combination of values, (Y,); for small N only."""
         if self.joint_table is not None:
             return self.joint_table
         # Variables are independent; the first is the most significant digit of y.
@@ -249,7 +250,7 @@ class Belief(FrozenArrays):
 
     @property
     def best_report(self) -> NDArray[np.bool_]:
-        """The most probable value vector, (N,)."""
+        """The most probable combination of values, (N,)."""
         if self.joint_table is not None:
             return np.asarray(self._values[self.joint_table.argmax()])
         best = self.log_odds > 0
@@ -258,9 +259,9 @@ class Belief(FrozenArrays):
         return freeze(best, np.bool_)
 
     def agreement(self, report: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return factors of Pr(a report is right), (N,); 1 for false values of a group.
+        """Return the N factors of Pr(report is right); a false value of a group has factor 1.
 
-        If attributes are coupled, there is one factor.
+        If attributes are dependent, there is a single factor.
         """
         if self.joint_table is not None:
             return np.asarray(self.joint_table[(self._values == report).all(axis=1)])
@@ -271,13 +272,13 @@ class Belief(FrozenArrays):
     @property
     @tiny_is_zero
     def certainty(self) -> float:
-        """Pr(the most probable value vector)."""
+        """Probability of the most probable combination of values."""
         return float(self.right.prod())
 
     @property
     @tiny_is_zero
     def right(self) -> NDArray[np.float64]:
-        """Factors of `certainty`: Pr(variable's most probable value); (N,) without groups."""
+        """Factors of `certainty`: the probability of the most probable value of each variable."""
         if self.joint_table is not None:
             return freeze([self.joint_table.max()])
         if self.groups:
@@ -287,7 +288,7 @@ class Belief(FrozenArrays):
     @property
     @tiny_is_zero
     def entropy(self) -> float:
-        """Entropy of the belief, bits."""
+        """Entropy of the belief in bits."""
         rows = (np.clip(row, 1e-300, 1.0) for row in self.factors)
         return float(-sum((row * np.log2(row)).sum() for row in rows))
 
@@ -330,7 +331,7 @@ def _belief(
 
 @tiny_is_zero
 def initial_belief(momdp: MOMDP) -> Belief:
-    """Return the belief at the start of a trial: x0, the prior, no percepts.
+    """Return the belief at the start of a trial: the first state, the prior, and no percepts.
 
     Examples
     --------
@@ -352,27 +353,29 @@ def initial_belief(momdp: MOMDP) -> Belief:
 
 @tiny_is_zero
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
-    """Condition the belief on one executed action (Alg. 1, l. 10).
+    """Condition the belief on one executed action (Algorithm 1, line 10).
 
-    The factor of each latent class is its Dirichlet-multinomial predictive given the percepts
-    counted in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8. For an
-    attribute without a percept (level -1), the factor is 1.
+    The probability of each latent class is multiplied by its predictive probability of the percept.
+    For level z this is (s c_z + n_z) / (s + n), where c_z is the mean probability of the level, s
+    the Dirichlet precision, n_z the number of earlier percepts of level z in this trial, and n the
+    number of all earlier percepts. With infinite s this is Eq. 8. An attribute without a percept
+    (level -1) does not change.
 
     Parameters
     ----------
     belief : Belief
-        The belief before the action.
+        Belief before the action.
     momdp : MOMDP
-        The query's MOMDP.
+        Decision problem of the question.
     transition : Transition
-        The action, the next x, and the percept levels. Without levels only x changes.
+        The action, the next state, and the percept levels. Without levels only the state changes.
 
     Raises
     ------
     ImpossibleObservation
-        The percept has probability 0 under every possible class.
+        The percept has probability 0 under every latent class.
     SettingsError
-        The MOMDP does not have the action, x or the levels.
+        The MOMDP does not have the action, the state or the levels.
 
     Examples
     --------

@@ -64,38 +64,39 @@ def build_momdp(
     latent_classes: ArrayLike | None = None,
     objective: Objective | None = None,
 ) -> MOMDP:
-    """Build the MOMDP of a query from a domain and the queried rows of the confusion posterior.
+    """Build the MOMDP of a query from a domain and the confusion matrices of the attributes.
 
-    If a behavior asks a person (`ask`), and both truths share latent classes, every class is split
-    into a false and a true one, first C false ones, then C true ones, because an answer depends on
-    the truth alone.
+    The answer of a person depends on the truth alone. So if a behavior asks a person (`ask`), and a
+    latent class contains true and false objects, every class is split in two: the MOMDP then has C
+    classes of false objects, followed by C classes of true objects.
 
     Parameters
     ----------
     domain : str, path, mapping or Domain
-        Domain, as for `Learner`: its behaviors, costs and diagram.
+        Domain, as for `Learner`, with its behaviors, costs and state transitions.
     query : Query
-        The N attributes asked.
+        The question, about N attributes.
     confusion : ArrayLike
-        (N,E,C,K) mean confusion matrices of the latent classes, C = 2 (the truth) in the paper.
-        Rows of behaviors that ask a person are replaced: the answer about each attribute is right
-        with the stated accuracy.
+        (N,E,C,K) mean probability of each percept level given the latent class. In the paper C = 2,
+        and the class is the truth. Rows of behaviors that ask a person are replaced: a person's
+        answer about each attribute is right with the accuracy in the domain.
     precision : ArrayLike
-        (N,E,C) or a number; inf is the paper's Eq. 8.
+        Dirichlet precision of the rows of `confusion`, (N,E,C) or one number. The paper's Eq. 8 is
+        the case inf.
     prior : ArrayLike
-        (N,) or a number, Pr(attribute is true); the paper's is uniform. Over the values of a group
-        it is scaled to sum to 1.
+        Pr(attribute is true) before the trial, (N,) or one number; the default 0.5 is the paper's.
+        Probabilities of the values of a group are scaled to sum to 1.
     limit : ArrayLike
-        (E,) or a number: recordings that can be perceived in one trial.
+        Number of recordings of a behavior that can be perceived in one trial, (E,) or one number.
     latent_classes : ArrayLike | None
-        (N,2,C) Pr(class | truth), which truths may share; the truth itself by default.
+        (N,2,C) Pr(latent class | truth). By default the class is the truth.
     objective : Objective | None
-        By default the domain's rewards, discounted by 0.99 a step.
+        Rewards and discount factor. By default they are the domain's rewards and 0.99 per step.
 
     Raises
     ------
     SettingsError
-        Arrays have other shapes, or values that a MOMDP cannot have.
+        An array has a wrong shape or values that are not valid in a MOMDP.
 
     Examples
     --------

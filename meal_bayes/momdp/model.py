@@ -103,61 +103,67 @@ def nothing_happened(x: int, next_x: int, *, perceived: bool) -> bool:
 class MOMDP(ByValue):
     """The decision problem of one question (a MOMDP), as arrays.
 
-    Actions are the E behaviors, then the Y reports (2^N, or fewer where attributes are the values
-    of a group), then, where the agent may abstain, the answer "I do not know", which ends the trial
-    with reward 0. Arrays run over behaviors only, because every answer leads to `term`.
+    Actions are numbered: first the E behaviors, then the Y reports (2^N, or fewer if attributes are
+    values of one group), then the answer "I do not know" if the agent may abstain. This answer ends
+    the trial with reward 0. Arrays have entries for behaviors only, because every answer leads to
+    the terminal state `term`.
 
-    With infinite precision, percepts follow the paper's Eq. 8. With finite precision, the object's
-    rows are Dirichlet(precision * confusion): the problem is Bayes-adaptive. For each attribute, an
-    object belongs to one of C latent classes. All its percepts depend on the class, so their errors
-    may be correlated. Percepts and truth are independent given the class, and both truths may share
-    a class. In the paper the class is the truth: C = 2, `latent_classes` the identity.
+    A percept is the output of a classifier for one attribute; its values are the K levels from no
+    to yes. With infinite precision, percepts follow the paper's Eq. 8. With finite precision, every
+    object has its own confusion matrix, whose rows are drawn from Dirichlet(precision * confusion),
+    so the problem is Bayes-adaptive. For each attribute, an object belongs to one of C latent
+    classes. All percepts of the object depend on its class, so their errors may be correlated.
+    Percepts and truth are independent given the class, and a class may contain true and false
+    objects. In the paper the class is the truth itself: C = 2, and `latent_classes` is the
+    identity.
 
     Attributes
     ----------
     query : Query
-        The N attributes asked.
+        The question, about N attributes.
     x_names, behavior_names : tuple[str, ...]
-        Names of the states, (X,), the last of which is "term", and of the behaviors, (E,).
+        Names of the X observable states, the last of which is "term", and of the E behaviors.
     start : int
-        Index of the first x.
+        Index of the state in which the trial begins.
     transition, observation_probability : NDArray[np.float64]
-        (E,X,X) Pr(x' | x, behavior), and the probability of a percept given behavior, x and x'.
+        Two arrays (E,X,X): Pr(x' | x, behavior) of the next state x', and the probability that the
+        behavior yields a percept if it leads from x to x'.
     legal : NDArray[np.bool_]
-        (X,E) whether a behavior can be executed.
+        (X,E) whether the robot can execute a behavior in a state.
     confusion : NDArray[np.float64]
-        (N,E,C,K) mean Pr(level | latent class).
+        (N,E,C,K) mean of Pr(percept level | latent class).
     precision : NDArray[np.float64]
-        (N,E,C) Dirichlet precision of a row, inf where it is known exactly.
+        (N,E,C) Dirichlet precision of each row of `confusion`; inf if the row is known exactly.
     prior : NDArray[np.float64]
-        (N,) Pr(attribute is true) before the trial; over the values of a group it sums to 1.
+        (N,) Pr(attribute is true) before the trial. The probabilities of a group's values sum to 1.
     latent_classes : NDArray[np.float64]
         (N,2,C) Pr(latent class | truth).
     cost : NDArray[np.float64]
         (E,) cost of each behavior, s.
     correct, incorrect : float
-        Rewards of a right and of a wrong report, r+ and r-; the largest and the smallest payoff of
-        a question of yes or no.
+        Rewards of a right and of a wrong report (the paper's r+ and r-). For a yes-or-no question
+        with payoffs, they are the largest and the smallest payoff.
     bonus : NDArray[np.float64]
-        (N,E,2) exploration bonus of a percept, s, by attribute, behavior and truth (Eq. 11).
+        (N,E,2) exploration bonus of a percept in seconds, by attribute, behavior and truth (Eq.
+        11).
     bonus_limit : NDArray[np.float64]
-        (E,) number of percepts of a trial that earn `bonus`; inf = all.
+        (E,) number of percepts for which a trial gets `bonus`; inf if every percept counts.
     limit : NDArray[np.float64]
-        (E,) number of percepts that a trial can have; inf = unlimited. After that, a behavior still
-        changes x and has its cost, but yields no percept.
+        (E,) maximum number of percepts of each behavior in a trial; inf if unlimited. After that
+        many percepts, the behavior still changes the state and has its cost, but yields no percept.
     discount : float
         Discount factor of a step, used in planning only.
     abstain : bool
         Whether the agent may answer "I do not know".
     payoffs : Payoffs | None
-        Payoffs of a question of yes or no; r+ and r- by default.
+        Payoffs of a yes-or-no question; r+ and r- by default.
     joint : NDArray[np.float64] | None
-        (Y,) joint prior of the value vectors, in the order of `Query.values`; its marginals are
-        `prior`. None if attributes and groups are independent.
+        (Y,) prior probability of each combination of values, in the order of `Query.values`; its
+        marginals are `prior`. None if attributes and groups are independent.
     x_labels : tuple[str, ...]
-        (X-1,) labels of the states for people, or empty; see `state_label`.
+        (X-1,) labels of the states that people read, or empty if there are none; see `state_label`.
     log_truth : NDArray[np.float64]
-        (N,2,C) ln Pr(truth | latent class) under the prior.
+        (N,2,C) logarithm of Pr(truth | latent class) under the prior.
 
     Examples
     --------
@@ -250,23 +256,23 @@ class MOMDP(ByValue):
 
     @property
     def reports(self) -> Reports:
-        """The reports and their rewards."""
+        """The possible reports and their rewards."""
         symmetric = Payoffs(self.correct, self.incorrect, self.correct, self.incorrect)
         return Reports(self.query, self.payoffs or symmetric)
 
     @property
     def levels(self) -> int:
-        """K, the number of levels of a percept; `arrays.yes_of` says which mean yes."""
+        """Number K of levels of a percept. The upper half of the levels mean yes."""
         return int(self.confusion.shape[-1])
 
     @property
     def coupled(self) -> bool:
-        """Whether attributes are dependent, as values of a group or by the joint prior."""
+        """Whether attributes are dependent: values of a group, or under a joint prior."""
         return bool(self.query.groups) or self.joint is not None
 
     @property
     def n_classes(self) -> int:
-        """C, the number of latent classes of an attribute."""
+        """Number C of latent classes of an attribute."""
         return int(self.latent_classes.shape[2])
 
     @property
@@ -276,57 +282,57 @@ class MOMDP(ByValue):
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """Mean confusion matrix given the truth (N,E,2,K), averaged over its latent classes."""
+        """Mean confusion matrices given the truth, (N,E,2,K), averaged over the latent classes."""
         return np.asarray(np.einsum("nvc,neck->nevk", self.latent_classes, self.confusion))
 
     @property
     def bonus_runs_out(self) -> bool:
-        """Whether a bonus is limited to a number of percepts, which is then part of the state."""
+        """Whether the number of percepts that get a bonus is limited (and part of the state)."""
         pays = self.bonus.any(axis=(0, 2))
         return bool((pays & np.isfinite(self.bonus_limit)).any())
 
     @property
     def n_behaviors(self) -> int:
-        """E."""
+        """Number E of behaviors."""
         return len(self.behavior_names)
 
     @property
     def terminal(self) -> int:
-        """Index of `term` among the x."""
+        """Index of the terminal state `term`."""
         return len(self.x_names) - 1
 
     @property
     def n_states(self) -> int:
-        """|S| = (|X| - 1) Y + 1: `term` is one state."""
+        """Number of states, |S| = (|X| - 1) Y + 1, because `term` is a single state."""
         return self.terminal * self.query.n_values + 1
 
     @property
     def n_actions(self) -> int:
-        """|A| = E + Y, or E + 2 of yes or no, and one more where the agent may abstain."""
+        """Number of actions: E + Y, or E + 2 for yes or no, plus 1 if the agent may abstain."""
         return self.abstention + self.abstain
 
     @property
     def abstention(self) -> int:
-        """Index of the answer "I do not know", after behaviors and reports."""
+        """Index of the action "I do not know", which comes after behaviors and reports."""
         return self.n_behaviors + self.query.n_reports
 
     @property
     def failure_probability(self) -> NDArray[np.float64]:
-        """Pr(nothing happens | x, behavior), (X,E): x stays, and no percept comes."""
+        """Probability (X,E) that a behavior fails: the state stays, without a percept."""
         states = np.arange(len(self.x_names))
         silent = (self.transition * (1 - self.observation_probability))[:, states, states].T
         return np.where(self.legal, silent, 0.0)
 
     def charged(self, behavior: int, *, failed: bool) -> float:
-        """Return the cost of an execution, s; failed executions cost the same."""
+        """Return the cost of an execution in seconds; a failed execution has the same cost."""
         return float(self._outcome_costs()[int(failed)][behavior])
 
     def charged_for(self, behavior: int, x: int, next_x: int, *, perceived: bool) -> float:
-        """Return the cost, s, of an execution that led from one x to the next."""
+        """Return the cost in seconds of an execution that led from one state to the next."""
         return self.charged(behavior, failed=nothing_happened(x, next_x, perceived=perceived))
 
     def expected_cost(self) -> NDArray[np.float64]:
-        """Return the expected cost of an execution, (X,E), s."""
+        """Return the expected cost (X,E) in seconds of executing a behavior in a state."""
         cost, cost_of_failure = self._outcome_costs()
         return np.asarray(cost + self.failure_probability * (cost_of_failure - cost))
 
@@ -336,22 +342,22 @@ class MOMDP(ByValue):
 
     @property
     def exit_value(self) -> float:
-        """Reward of "I do not know"; -inf if the agent may not abstain."""
+        """Reward of the answer "I do not know"; -inf if the agent may not give it."""
         return ABSTAINED if self.abstain else -np.inf
 
     def reported(self, action: int) -> NDArray[np.bool_] | None:
-        """Return the report of an answer: values (N,), or yes (1,); None if it abstains."""
+        """Return the report of an answer: N truth values, or one (yes); None if it abstains."""
         if action == self.abstention:
             return None
         return self.query.report_of(action - self.n_behaviors)
 
     def check_action(self, x: int, action: int) -> None:
-        """Check an action before anything moves.
+        """Check that an action exists and is legal in the state, before the robot moves.
 
         Raises
         ------
         SettingsError
-            An action that the problem does not have, or that is not legal at x.
+            The problem does not have the action, or the action is not legal in the state.
         """
         if not 0 <= action < self.n_actions:
             last = self.n_actions - 1
@@ -364,7 +370,7 @@ class MOMDP(ByValue):
             )
 
     def state_label(self, x: int) -> str:
-        """Return the label of a state; its name if it has no label."""
+        """Return the label of a state, or its name if it has no label."""
         return self.x_labels[x] if x < len(self.x_labels) else self.x_names[x]
 
     def action_name(self, action: int) -> str:

@@ -139,13 +139,14 @@ def build_percept_table(
     dataset : Dataset
         Recordings and labels.
     perception : str | PerceptionSettings
-        "default", "paper", or settings.
+        "default", "paper", or your own settings of the classifiers.
     classifier : object | None
-        A scikit-learn classifier in place of ours; see `with_classifier`.
+        A scikit-learn classifier that replaces the default classifier; see `with_classifier`.
     progress : Callable[[int, int], None] | None
-        Called with (behaviors done, behaviors in all).
+        Called with the number of behaviors done and the number of all behaviors.
     map_behaviors : Map
-        Function that maps over the behaviors, possibly in parallel; results may come in any order.
+        Function that applies a function to all behaviors, possibly in parallel. It may return
+        results in any order.
 
     Examples
     --------

@@ -37,8 +37,8 @@ class Perceiver(Protocol):
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
         """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes).
 
-        A level is -1 if the instance has no percept of an attribute. Return None if it has no
-        percept at all.
+        The level of an attribute without a percept is -1. If no attribute has a percept, return
+        None.
         """
         ...
 

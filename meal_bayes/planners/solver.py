@@ -74,34 +74,36 @@ class GoingOn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Decision(FrozenArrays):
-    """A chosen action, with the values and visit counts that decided it.
+    """A chosen action, with the values and visit counts on which the choice is based.
 
     Attributes
     ----------
     action : int
-        Below E a behavior; E + y the report of answer y of Y (value vectors, or yes and no); E + Y
-        abstains.
+        Index of the action: 0 to E - 1 is a behavior, E + y is the report of answer y (a
+        combination of values, or no and yes), and E + Y is "I do not know".
     values : NDArray[np.float64]
-        (E+1,) expected reward of this trial, at most r+, of each behavior and of the best answer;
-        nan = not valued.
+        (E+1,) expected reward of the rest of this trial after each behavior, and of the best answer
+        (the last entry). nan if the planner did not compute a value.
     value_se : NDArray[np.float64]
-        (E+1,) standard errors, 0 where exact, nan = unknown.
+        (E+1,) standard error of each value: 0 if the value is exact, nan if the error is unknown.
     visits : NDArray[np.int64]
-        (E+1,) simulations by first action.
+        (E+1,) number of simulations that began with each action.
     tree : tuple[TreeEdge, ...]
-        First two levels of the search tree.
+        The first two levels of the search tree.
     simulations : int
-        Of the search.
+        Number of simulations of the search.
     sampled_rows : NDArray[np.float64] | None
-        (M,N,K) confusion rows of the chosen behavior in M sampled MOMDPs.
+        (M,N,K) rows of the confusion matrices of the chosen behavior in M sampled MOMDPs; None if
+        none were sampled.
     gap : float | None
-        Upper bound, s, of how much more reward, with the exploration bonus, the best action may
-        earn than this decision. None if no upper bound is known.
+        Upper bound in seconds of the loss of this decision: the best possible action has at most
+        this much more expected reward (with exploration bonus). None if no bound is known.
     bonus : NDArray[np.float64] | None
-        (E+1,) expected exploration bonus, s; the action maximizes `values` + `bonus`. None if
-        `values` already contain the bonus, because the solver does not separate them.
+        (E+1,) expected exploration bonus in seconds. The chosen action maximizes `values` +
+        `bonus`. None if the solver does not separate the two; `values` then contain the bonus.
     momdp : MOMDP | None
-        The problem, which names the actions. A trial sets it; solvers need not.
+        The decision problem, from which the names of the actions are read. A trial sets it, so
+        solvers can leave it out.
 
     Examples
     --------
@@ -131,11 +133,11 @@ class Decision(FrozenArrays):
 
     @property
     def total(self) -> NDArray[np.float64]:
-        """Sum of `values` and `bonus`, (E+1,), which the chosen action maximizes."""
+        """Sum of `values` and `bonus`, (E+1,); the chosen action maximizes it."""
         return self.values if self.bonus is None else self.values + self.bonus
 
     def going_on(self) -> GoingOn:
-        """Return the gain of going on over answering now: max over b of Q(b), minus Q(answer)."""
+        """Return by how much the value of the best behavior exceeds that of answering now."""
         total = self.total
         if np.isnan(total[:-1]).all():
             return GoingOn(np.nan, 0.0, 0.0)
@@ -151,12 +153,12 @@ class Decision(FrozenArrays):
 
     @property
     def explores(self) -> bool:
-        """Whether any action has an exploration bonus."""
+        """Whether any action has a nonzero exploration bonus."""
         return self.bonus is not None and bool(self.bonus.any())
 
     @property
     def value_heads(self) -> tuple[str, ...]:
-        """Names of the columns of values, and of the bonus if there is one."""
+        """Names of the columns in tables of values: the values, and the bonus if there is one."""
         if self.explores:
             return "this answer", "for later questions"
         # Older logs, and solvers that know sums alone.
@@ -207,7 +209,7 @@ class Decision(FrozenArrays):
     def exact(
         cls, action: int, values: NDArray[np.float64], bonus: NDArray[np.float64] | None = None
     ) -> "Decision":
-        """Return a decision with exact values (E+1,); nan = not valued."""
+        """Return a decision with exact values (E+1,); nan marks actions without a value."""
         visits = np.zeros(len(values), dtype=np.int64)
         bonuses = np.zeros(len(values)) if bonus is None else bonus
         return cls(action, values, no_errors(values), visits, bonus=bonuses)
@@ -261,10 +263,10 @@ class History:
 
 @runtime_checkable
 class Policy(Protocol):
-    """Protocol of policies: `decide` chooses the next action of a trial.
+    """Protocol of policies, whose method `decide` chooses the next action of a trial.
 
-    A policy may have an attribute `deterministic`. If it is true, a decision depends on the belief
-    and the generator only, and may be cached.
+    A policy may have an attribute `deterministic`. If it is true, a decision depends only on the
+    belief and the random generator, and may be cached.
 
     Examples
     --------
@@ -288,7 +290,7 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Solver(Protocol):
-    """Protocol of planners: `solve` returns a policy for a MOMDP (the paper's Sol).
+    """Protocol of planners, whose method `solve` returns a policy for a MOMDP.
 
     Examples
     --------

@@ -21,26 +21,30 @@ _LEFT = 0.02  # of a level's weight, where an object is taken out
 
 @dataclass(frozen=True, slots=True)
 class ConfusionPosterior(ByValue):
-    """Posterior of the confusion matrices: a Dirichlet for each attribute, behavior and truth.
+    """Posterior of the confusion matrices: one Dirichlet for each attribute, behavior and truth.
 
-    `from_counts` treats all percepts of a row as independent, as the paper does. `from_objects`
-    gives each object its own row, so that repeated percepts of one object are worth less.
+    Row t of a confusion matrix holds the probabilities of the percept levels (classifier outputs
+    from no to yes) if the attribute's truth is t. `from_counts` treats all percepts as independent,
+    as the paper does. `from_objects` models that each object has its own confusion matrix, so that
+    repeated percepts of one object tell less. A "pair" is an attribute and a behavior.
 
     Attributes
     ----------
     counts : NDArray[np.float64]
-        (P,E,2,K) counts of the percepts of labeled instances.
+        (P,E,2,K) number of percepts of labeled executions, by attribute, behavior, truth and level.
     concentration : NDArray[np.float64]
-        (P,E,2,K) Dirichlet parameters of the mean row, A x mean.
+        (P,E,2,K) Dirichlet parameters of the mean row: its mean times its weight A.
     dispersion : NDArray[np.float64]
-        (P,E,2) Dirichlet precision s of the objects' rows; inf = all objects have the same row.
+        (P,E,2) Dirichlet precision s of the objects' own rows; inf if all objects have the same
+        row.
     given_prior : NDArray[np.float64] | None
         (P,E,2,K) prior Dirichlet parameters of the mean rows of pairs whose percepts come from the
-        robot's own detector; see `posterior.given`. Zero for all other pairs; None if there are no
-        pairs with a detector.
+        robot's own detector; see `posterior.given`. They are zero for all other pairs. None if no
+        pair has a detector.
     telling : NDArray[np.float64] | None
-        (P,E) probability that the pair is informative, see `posterior.spike`. If it is not, both
-        truths have the pooled row. None: all pairs are informative.
+        (P,E) probability that percepts of the pair carry information about the attribute; see
+        `posterior.spike`. A pair without information has the same row for both truths. None if all
+        pairs are treated as informative.
 
     Examples
     --------
@@ -88,14 +92,14 @@ class ConfusionPosterior(ByValue):
 
     @classmethod
     def from_counts(cls, counts: ArrayLike, *, prior: ArrayLike = PRIOR_WEIGHT) -> Self:
-        """Build the paper's posterior: percepts are independent given the truth.
+        """Build the paper's posterior, in which percepts are independent given the truth.
 
         Parameters
         ----------
         counts : ArrayLike
-            (P,E,2,K), or object by object (O,P,E,2,K), which are then added.
+            Counts of percepts (P,E,2,K), or of each object (O,P,E,2,K), which are summed.
         prior : ArrayLike
-            Total weight of the flat prior of a row, or Dirichlet parameters (P,E,2,K).
+            Total weight of a flat prior of each row, or its Dirichlet parameters (P,E,2,K).
         """
         array = np.asarray(counts)
         total = freeze(array.sum(axis=0) if array.ndim > _DIMENSIONS else array)
@@ -111,19 +115,19 @@ class ConfusionPosterior(ByValue):
         prior: ArrayLike | None = None,
         given: NDArray[np.bool_] | None = None,
     ) -> Self:
-        """Build the object-level posterior.
+        """Build the posterior in which each object has its own confusion matrices.
 
         Parameters
         ----------
         counts : ArrayLike
-            Object by object, (O,P,E,2,K).
+            Counts of the percepts of each object, (O,P,E,2,K).
         prior : ArrayLike, optional
-            Prior as in `from_counts`; then all pairs count as informative. By default a prior for
-            each behavior and truth is learned from all attributes, with the probability that each
-            pair is informative.
+            Prior as in `from_counts`; then all pairs are treated as informative. By default, a
+            prior for each behavior and truth is learned from the counts of all attributes, together
+            with the probability that each pair is informative.
         given : NDArray[np.bool_], optional
-            (P,E) pairs whose percepts come from the robot's own detector. Their prior treats them
-            as informative, whatever `prior` is.
+            (P,E) whether percepts of the pair come from the robot's own detector. Such pairs are
+            treated as informative, whatever `prior` is.
         """
         total = np.asarray(counts).sum(axis=0)
         alpha = None if prior is None else _prior(prior, total.shape)
@@ -147,9 +151,9 @@ class ConfusionPosterior(ByValue):
         return cls(total, concentration, dispersion, given_prior, telling)
 
     def believe(self, given: NDArray[np.bool_]) -> Self:
-        """Return the posterior with pairs (P,E) without counts marked as the robot's own percepts.
+        """Return the posterior in which given pairs (P,E) use percepts of the robot's own detector.
 
-        Pairs with counts, and pairs that are marked already, stay as they are until the next fit.
+        Pairs that have counts or are marked already do not change until the next fit.
         """
         new = given & ~self.given & ~self.counts.any(axis=(2, 3))
         if not new.any():
@@ -168,55 +172,57 @@ class ConfusionPosterior(ByValue):
 
     @property
     def given(self) -> NDArray[np.bool_]:
-        """Pairs whose percepts come from the robot's own detector, (P,E)."""
+        """Whether percepts of each pair come from the robot's own detector, (P,E)."""
         if self.given_prior is None:
             return np.zeros(self.counts.shape[:2], np.bool_)
         return freeze(self.given_prior.any(axis=(2, 3)), np.bool_)
 
     @property
     def mean(self) -> NDArray[np.float64]:
-        """Posterior mean of Theta, (P,E,2,K), averaged over whether each pair is informative."""
+        """Posterior mean of the confusion matrices, (P,E,2,K)."""
         return freeze(_mean(self.concentration, self.telling))
 
     @property
     def precision(self) -> NDArray[np.float64]:
-        """Dirichlet weight s A / (s + A + 1) of a new object's row, by its variance, (P,E,2).
+        """Dirichlet precision (P,E,2) of the row of a new object, s A / (s + A + 1).
 
-        It combines two uncertainties: objects differ (dispersion s), and the mean is known from A
-        percepts only. It is A if s = inf, and s if A = inf.
+        It matches the variance of the row, which has two sources: objects differ (dispersion s),
+        and the mean row is estimated (weight A). It equals A if s is infinite, and s if A is
+        infinite.
         """
         return freeze(_precision(self.concentration, self.dispersion))
 
     @property
     def youden(self) -> NDArray[np.float64]:
-        """TPR - FPR of the mean, (P,E); -inf for pairs without percepts."""
+        """Youden's J of the mean, TPR - FPR, (P,E); -inf for pairs without percepts."""
         known = self.counts.any(axis=(2, 3)) | self.given
         return np.where(known, youden(self.mean), -np.inf)
 
     @property
     def informative(self) -> NDArray[np.bool_]:
-        """Whether a pair is informative by its mean and its counts, (P,E).
+        """Whether Youden's J of a pair is positive for both its mean and its counts, (P,E).
 
-        The robot's own percepts need no counts. Classifiers of few objects look better than they
-        are, so their counts must agree.
+        For percepts of the robot's own detector, the mean alone decides. Classifiers trained on few
+        objects look better than they are, so their counts are checked too.
         """
         counted = informative(self.counts) | self.given
         return freeze(counted & informative(self.mean), np.bool_)
 
     @tiny_is_zero
     def update(self, counts: ArrayLike, before: ArrayLike | None = None) -> Self:
-        """Add the percepts of one object; n percepts of a row count as n(s+1)/(n+s).
+        """Add the percepts of one object, where n percepts of a row have the weight n(s+1)/(n+s).
 
-        The prior and the dispersion do not change, so the result does not depend on the order of
-        objects. If you add the percepts of one object in two updates, pass the earlier ones as
-        `before`; otherwise they count as those of two objects.
+        The prior and the dispersion s do not change, so the result does not depend on the order of
+        the objects. If you add the percepts of one object in two updates, pass the earlier counts
+        as `before`; otherwise the percepts are treated as those of two objects.
 
         Parameters
         ----------
         counts : ArrayLike
             (P,E,2,K) counts of all percepts of the object.
         before : ArrayLike, optional
-            (P,E,2,K) counts that were added before; none for a new object.
+            (P,E,2,K) counts of the same object that were added before; leave it out for a new
+            object.
         """
         # What the object's percepts are worth now replaces what they were worth before.
         final = np.asarray(counts, dtype=float)
@@ -228,17 +234,17 @@ class ConfusionPosterior(ByValue):
     def without(
         self, attribute: NDArray[np.intp], behavior: NDArray[np.intp], counts: NDArray[Any]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return rows (U,2,K) of U pairs as they were before one object's percepts; precision.
+        """Return rows (U,2,K) and precision of U pairs without the percepts of one object.
 
-        Prior, dispersion and the probability that a pair is informative do not change. At least
-        2 % of the weight of a level is left, because a part of the weight is the prior's.
+        The prior, the dispersion and the probability that a pair is informative do not change. At
+        least 2 % of the weight of each level remains, because the prior has a part of the weight.
 
         Parameters
         ----------
         attribute, behavior : NDArray[np.intp]
-            (U,) positions of the pairs.
+            (U,) positions of the pairs' attributes and behaviors.
         counts : NDArray[Any]
-            (U,2,K) percepts of the object, counted before.
+            (U,2,K) counts of the object's percepts, which were added before.
         """
         dispersion = self.dispersion[attribute, behavior]
         counted = self.concentration[attribute, behavior]
@@ -250,17 +256,18 @@ class ConfusionPosterior(ByValue):
     def select(
         self, columns: Sequence[int], *, exact: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return confusion rows (N,E,2,K) and precision (N,E,2) of a query.
+        """Return the confusion matrices (N,E,2,K) and their precision (N,E,2) for a query.
 
-        Both rows of a pair that is not `informative` are the pooled row, so its percepts do not
+        A pair that is not `informative` gets the same row for both truths, so its percepts do not
         change the belief.
 
         Parameters
         ----------
         columns : Sequence[int]
-            The queried attributes' positions among the P.
+            Positions of the N queried attributes among the domain's P attributes.
         exact : bool
-            Treat the mean as known exactly (precision inf): the paper's Eq. 8.
+            Whether to treat the mean as known exactly (infinite precision), as the paper's Eq. 8
+            does.
         """
         picked = np.asarray(columns, dtype=np.intp)
         precision = self.precision[picked]

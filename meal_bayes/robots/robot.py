@@ -33,21 +33,22 @@ class Outcome(ByValue):
     Attributes
     ----------
     state : str
-        The observed state x after the behavior, a state of the domain's diagram. It is never
-        "term", which only an answer reaches.
+        Name of the observed state after the behavior, one of the domain's states. It is never
+        "term", because only an answer leads to this state.
     features : Mapping[str, ArrayLike] | None
-        The features (D,) of each of the behavior's modalities; None if the behavior failed or has
-        no modalities.
+        Feature vector (D,) of each modality of the behavior; None if the behavior failed or has no
+        modalities.
     answers : Mapping[str, bool | str] | None
-        Answers of a person, for a behavior that asks: a value by attribute, or the value of a group
-        by its name.
+        Answers of a person, if the behavior asks one: True or False for each attribute, or the name
+        of a value for each group.
     recording : int | None
-        Number of the stored recording, if the robot replays recordings. A real robot leaves it out.
+        Number of the recording, if the robot replays recordings. A real robot leaves it out.
     percepts : Mapping[str, bool | str | float | None] | None
-        Percepts of the robot's own detector, with or without features: by attribute True or False,
-        "yes", "no", "surely yes" or "surely no", or the value of a group by its name. Any other
-        number is a score; higher scores mean that the attribute is more likely true. Attributes
-        that the detector does not name are perceived from the features, if any.
+        Outputs of the robot's own detector, with or without features. The output for an attribute
+        is True or False, "yes", "no", "surely yes" or "surely no"; for a group it is the name of a
+        value. Any other number is a score; a higher score means that the attribute is more probably
+        true. Attributes that the detector leaves out are perceived from the features, if there are
+        any.
 
     Examples
     --------
@@ -65,7 +66,7 @@ class Outcome(ByValue):
 
 @runtime_checkable
 class Robot(Protocol):
-    """A robot with an object in front of it; implement these two methods for your own.
+    """Protocol of robots. To use your own robot, implement these two methods.
 
     Examples
     --------
@@ -80,11 +81,11 @@ class Robot(Protocol):
     """
 
     def start(self) -> str:
-        """Start a trial, and return the name of the observed state x0."""
+        """Start a trial, and return the name of the observed state."""
         ...
 
     def execute(self, behavior: str) -> Outcome:
-        """Execute the behavior of that name, and return its outcome."""
+        """Execute a behavior, given by its name, and return its outcome."""
         ...
 
 
@@ -303,19 +304,19 @@ class Frame(ByValue):
     Attributes
     ----------
     seconds : float
-        Time since the trial began, s.
+        Time since the trial began, in seconds.
     centers, half_sizes : NDArray[np.float32]
-        (B,3) of B boxes and balls, m.
+        (B,3) centers of B boxes and balls, and half of their edges or radii, in meters.
     quaternions : NDArray[np.float32]
-        (B,4) their orientation: x, y, z, w.
+        (B,4) orientations of the boxes as quaternions x, y, z, w.
     colors : NDArray[np.float32]
-        (B,3) in [0, 1].
+        (B,3) colors: red, green and blue in [0, 1].
     shapes : NDArray[np.int8]
-        (B,) `Frame.SOLID`, `Frame.SHELL` (a transparent box) or `Frame.BALL`.
+        (B,) kind of each body: `Frame.SOLID`, `Frame.SHELL` (a transparent box) or `Frame.BALL`.
     contacts, forces : NDArray[np.float32]
-        (C,3) points of contact, m, and the forces that act there, N.
+        (C,3) points of contact in meters, and the forces that act there in newtons.
     picture : NDArray[np.float32]
-        (rows, columns, 3) what the robot's camera sees, in [0, 1].
+        (rows, columns, 3) image of the robot's camera, in [0, 1].
 
     Examples
     --------

@@ -255,7 +255,8 @@ class TrialWriter:
     path : str | Path
         File to write, with the ending .mcap. Missing folders are made.
     header : Mapping[str, object]
-        Description of the run in JSON values: config, seed, git. `versions` is filled in.
+        Description of the run, such as its settings, seed and Git commit, as JSON values.
+        `versions` is filled in.
     form : str
         "full" for trials, "compact" for their outcomes, or "feedback".
     overwrite : bool
@@ -491,26 +492,25 @@ def write_trials(
     seconds: Sequence[float] = (),
     overwrite: bool = False,
 ) -> None:
-    """Write trials into one log.
+    """Write trials into one log file.
 
     Parameters
     ----------
     path : str | Path
         File to write, with the ending .mcap.
     trials : Iterable[Trial | TrialOutcomes]
-        Trials, for a full log; or outcomes, for a compact log with 250 trials in a message.
+        Trials, which make a full log, or outcomes without steps, which make a compact log.
     header : Mapping[str, object]
-        Description of the run in JSON values: config, seed, git.
+        Description of the run, such as its settings, seed and Git commit, as JSON values.
     seconds : Sequence[float]
-        (M,) wall-clock seconds of the first M trials.
+        Wall-clock seconds of the first trials, in their order.
     overwrite : bool
         Whether an existing file is replaced.
 
     Raises
     ------
     LogError
-        The file is there already, or cannot be written; or a trial has arrays that do not fit each
-        other.
+        The file exists already or cannot be written, or arrays of a trial do not fit each other.
 
     Examples
     --------
@@ -1075,7 +1075,7 @@ def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
     Raises
     ------
     LogError
-        There is no such file.
+        The file or the folder does not exist.
     LogCorruptError
         The file has neither a header nor a trial.
     LogVersionError

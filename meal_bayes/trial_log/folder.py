@@ -222,18 +222,19 @@ def readable_feedback(
 
 
 def read_trials(path: str | Path) -> Iterator[Trial]:
-    """Read the trials of a log, or of all logs of a folder in the order of their names.
+    """Read the trials of a log, or of all logs in a folder, in the order of the files' names.
 
-    The trials are equal to those written. Each one is checked before it is yielded, and the whole
-    file after its last trial. If a trial stands in several files of a folder, it is yielded once,
-    and a warning names the copies. To read damaged logs as far as possible, use `Logs`.
+    The trials that are read are equal to those that were written. Each trial is checked before it
+    is yielded, and each file is checked as a whole after its last trial. If several files of a
+    folder contain the same trial, it is yielded once, and a warning names the copies. Use `Logs` to
+    read as much as possible of damaged logs.
 
     Raises
     ------
     LogError
-        There is no such file.
+        The file or the folder does not exist.
     LogCorruptError
-        The file is unfinished, damaged or changed.
+        The file is unfinished, damaged, or was changed.
     LogVersionError
         The file has another format version.
 

@@ -73,7 +73,7 @@ class Limits:
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Protocol of objects that write a trial as it happens, step by step.
+    """Protocol of objects that record a trial while it runs, step by step.
 
     Examples
     --------
@@ -93,7 +93,7 @@ class Recorder(Protocol):
 
     @property
     def path(self) -> Path:
-        """Path of the record."""
+        """Path of the file that holds the record."""
 
     def begin(self, trial: Trial) -> None:
         """Record a trial that has no steps yet."""
@@ -102,7 +102,7 @@ class Recorder(Protocol):
         """Record the next step."""
 
     def end(self, trial: Trial) -> None:
-        """Record the whole trial."""
+        """Record the whole trial after its end."""
 
 
 class _Entrance:
@@ -149,11 +149,11 @@ def _alone(
 
 
 class Session:
-    """A trial in progress (Alg. 1, l. 6-11), which your own loop drives one behavior at a time.
+    """A trial in progress (Algorithm 1, lines 6-11), whose loop over behaviors is your own code.
 
-    Used as a context manager, it ends the trial when the block is left. If there is no answer yet,
-    the record says why, and exceptions are raised again. Any thread may call its methods, one
-    thread at a time.
+    Used as a context manager, a session ends the trial when the block is left. If there is no
+    answer by then, the record of the trial says why; exceptions are raised again. Any thread may
+    call the methods, but only one thread at a time.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class Session:
     momdp : MOMDP
         The decision problem.
     policy : Policy | None
-        Policy that decides; None if your program decides, by `command`.
+        Policy that chooses the behaviors; None if your program chooses them by `command`.
     checker : OutcomeChecker
         Checks the outcomes that the robot returns.
     perceiver : Perceiver
@@ -170,23 +170,25 @@ class Session:
     agent : str
         Name of the agent.
     seed : int
-        Seed. With the key it determines the random stream of drawn percepts, and with the agent's
-        name that of the policy.
+        Seed of the random draws. The stream of drawn percepts depends on the seed and the key, that
+        of the policy also on the agent's name.
     key : Key | None
-        The task's by default.
+        Key of the random streams; by default the task's.
     truth : Mapping[str, bool] | ArrayLike | None
-        The truth, see `truth_of`. It is only compared with the report; policy and belief do not use
-        it.
+        The true attributes, see `truth_of`. The truth is only compared with the report; policy and
+        belief do not use it.
     counts : NDArray[np.float64] | None
-        (N,E,2,K) counts of labeled percepts behind the MOMDP, for the record only; see `Trial`.
+        (N,E,2,K) counts of the labeled percepts from which the MOMDP was learned. They are recorded
+        but not used; see `Trial`.
     max_steps : int
-        Maximum number of behaviors; then the best answer is given.
+        Maximum number of behaviors. After them, the session gives the best answer.
     max_cost : float | None
-        Maximum cost, s. The best answer is given before a behavior that would exceed it.
+        Maximum cost in seconds. Instead of a behavior that would exceed it, the session gives the
+        best answer.
     on_step : Callable[[Step], None] | None
         Called after every step.
     on_end : Callable[[Trial], None] | None
-        Called once with the trial when it has ended, for whatever reason.
+        Called once with the trial when it has ended, whatever the reason.
 
     Examples
     --------
@@ -267,7 +269,7 @@ class Session:
 
     @_alone
     def record(self, recorder: Recorder) -> None:
-        """Record the trial so far, and then every step before the next behavior."""
+        """Record the trial so far, and from now on each step before the next behavior begins."""
         self._recorder = recorder
         recorder.begin(replace(self.trial, steps=(), report=None, ended=""))
         for step in self.steps:
@@ -281,7 +283,7 @@ class Session:
 
     @property
     def behavior(self) -> str | None:
-        """Name of the behavior to execute next; None if the session waits for nothing."""
+        """Name of the behavior to execute next; None if the session waits for no outcome."""
         self._decide_behind_log()
         if self._decision is None:
             return None
@@ -315,24 +317,24 @@ class Session:
 
     @_alone
     def start(self, state: str, *, steps: Sequence[Step] = ()) -> Self:
-        """Begin in the robot's present state, and decide for the first time.
+        """Begin the trial in the robot's present state, and choose the first action.
 
         Parameters
         ----------
         state : str
-            State of the robot; with `steps`, its state before them.
+            State of the robot; if you pass `steps`, its state before these steps.
         steps : Sequence[Step]
-            Steps from the trial's log, executed before a restart. The trial continues after them,
-            even if the policy would now decide otherwise; a warning names the first step that
-            differs. The policy decides when `behavior` or `over` is read, or when an outcome is
-            observed, so a trial that is cancelled before costs no planning.
+            Steps from the trial's log, which were executed before a restart. The trial continues
+            after them. If the policy would now choose other behaviors, a warning names the first
+            step that differs. The policy plans only when `behavior` or `over` is read or an outcome
+            is observed, so a trial that is cancelled before that needs no planning.
 
         Raises
         ------
         RobotError
-            A state in which the robot cannot be.
+            The state is unknown, or impossible after the behavior.
         SettingsError
-            The trial has begun.
+            The trial has begun already.
         """
         if self.begun:
             raise SettingsError("This trial has begun; ask again for another.")
@@ -350,19 +352,19 @@ class Session:
 
     @_alone
     def observe(self, outcome: Outcome, *, step: int | None = None) -> None:
-        """Perceive the outcome of `behavior`, update the belief, and decide again.
+        """Compute percepts from an outcome of `behavior`, update the belief, and choose again.
 
-        Pass `len(session.steps)` at the time of the command as `step` to reject outcomes that come
-        late or twice.
+        To reject outcomes that arrive late or twice, pass as `step` the value that
+        `len(session.steps)` had when the behavior was commanded.
 
         Raises
         ------
         SettingsError
             No behavior is in progress, or the outcome belongs to another step.
         RobotError
-            A state in which the robot cannot be.
+            The state is unknown, or impossible after the behavior.
         ImpossibleObservation
-            The model gives the observation probability 0.
+            The observation has probability 0 in the model.
         """
         self._repeat_decisions()
         decision = self._decision
@@ -428,12 +430,12 @@ class Session:
 
     @_alone
     def command(self, decision: Decision) -> None:
-        """Decide in place of the policy: command a behavior or an answer.
+        """Choose a behavior or an answer in place of the policy.
 
         Raises
         ------
         SettingsError
-            The trial is over, or the problem does not have or does not allow the action.
+            The trial is over, the problem does not have the action, or the action is not legal now.
         """
         if self._ended is not None:
             raise SettingsError("This trial is over; ask again for another.")
@@ -602,11 +604,12 @@ def _noted(fault: BaseException, recorder: Recorder | None) -> Iterator[None]:
 
 
 def run_trial(session: Session, robot: Robot) -> Trial:
-    """Run a trial to its end: execute the behaviors that the session names, until it answers.
+    """Run a trial to its end: execute the behaviors of a session until it gives an answer.
 
-    If the session has begun already, the robot is not started and must be in the session's state.
-    An exception of the robot, perceiver or policy, or an interruption, ends the trial: the recorder
-    gets the trial so far, with `ended`, and the exception is raised again.
+    If the session has begun already, `robot.start` is not called, and the robot must be in the
+    state of the session. If the robot, the perceiver or the policy raises an exception, or the
+    program is interrupted, the trial ends: the trial so far is recorded with the reason in `ended`,
+    and the exception is raised again.
 
     Examples
     --------

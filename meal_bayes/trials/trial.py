@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trial(TrialRecord):
-    """A trial that ended or was interrupted: question, steps, answer, cost and reward.
+    """A finished or interrupted trial: its question, steps, answer, cost and reward.
 
-    `print` shows it as text, `plot` draws it, and a notebook shows it as HTML.
+    `print` shows a trial as text, `plot` draws it, and a notebook shows it as HTML.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class Trial(TrialRecord):
         }
 
     def plot(self, *, dark: bool = False, narrow: bool = False) -> "Axes":
-        """Draw the trial in one picture; see `meal_bayes.trials.picture.trial_picture`."""
+        """Draw the whole trial as one picture; see `meal_bayes.trials.picture.trial_picture`."""
         from meal_bayes.trials.picture import trial_picture  # noqa: PLC0415  matplotlib takes a second
 
         return trial_picture(self, dark=dark, narrow=narrow)
@@ -150,13 +150,13 @@ class Trial(TrialRecord):
         )
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas data frame with a row for each step; missing percepts are missing values.
+        """Return a pandas data frame with a row for each step; entries without a percept are empty.
 
         `value` is the expected reward of the chosen action and `bonus` its exploration bonus;
-        `next_value` and `next_bonus` are those of the next best action. They are missing if the
-        agent did not compare actions, and `gap` is missing if no upper bound is known. Questions of
-        yes or no about several attributes have a column `probability`, which is Pr(yes) after the
-        step.
+        `next_value` and `next_bonus` are those of the next best action. These columns are empty if
+        the agent did not compare actions, and `gap` (see `Decision`) is empty if no bound is known.
+        For yes-or-no questions about several attributes, the column `probability` is Pr(yes) after
+        the step.
         """
         import pandas as pd  # noqa: PLC0415  takes half a second
 

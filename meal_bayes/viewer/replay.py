@@ -134,28 +134,28 @@ def write_recording(
 ) -> int:
     """Write an .rrd file that shows trials in the rerun viewer (``rerun FILE.rrd``).
 
-    An earlier file is replaced when the new one is whole.
+    An existing file is replaced when the new one is complete.
 
     Parameters
     ----------
     trials : Iterable[Trial | TrialOutcomes]
-        Trials with their steps. Outcomes alone, of which a compact log consists, are shown in the
-        run's plots only.
+        Trials with their steps. Outcomes without steps, as in a compact log, are shown only in the
+        plots of the whole run.
     path : str | Path
         File to write.
     header : Mapping[str, object]
-        Settings of the run, as in the header of a log; may be empty.
+        Settings of the run, as in the header of a log. The mapping may be empty.
     name : str
         Name of the recording in the viewer.
     only : int | None
-        Number of the single trial to show; None shows all.
+        Number of the only trial to show. None shows all trials.
     frames : Sequence[Frame]
-        Geometry of the robot in the first trial.
+        Geometry of the robot and its surroundings in the first trial.
 
     Returns
     -------
     int
-        Number of trials.
+        Number of trials in the file.
 
     Examples
     --------

@@ -61,27 +61,29 @@ class POMCP:
     Attributes
     ----------
     simulations : int
-        Maximum number of simulations of a decision. If attributes are coupled, nothing is searched:
-        open-loop plans are valued by as many samples, and by 256 at least.
+        Maximum number of simulations for a decision. If attributes are dependent, there is no tree
+        search; the number is then the number of samples (at least 256) that estimate the values of
+        open-loop plans.
     milliseconds : float | None
-        CPU time of a decision, ms, in place of a
-        number of simulations. If earlier simulations at this x took longer than the limit allows,
-        none are made and the best plan decides.
+        Limit of the CPU time of a decision in milliseconds, in place of a number of simulations. If
+        earlier simulations in the same state took longer than the limit, the planner makes none and
+        executes the best open-loop plan.
     exploration : float
-        Exploration constant c of UCB1, as a fraction of r+ - r-; 0 if a table gives the values of
-        leaves.
+        Exploration constant c of UCB1, as a fraction of the difference between the rewards of a
+        right and a wrong report. It is 0 if a table gives the values of leaves.
     capacity : int
         Maximum number of nodes of a tree; the search ends when they are used up.
     points : int
-        Maximum number of points of a table for the values of leaves; 0 = always use open-loop
-        plans.
+        Maximum number of grid points of a table for the values of leaves. With 0, leaves always get
+        their values from open-loop plans.
     backup : str
-        "expected" or "sampled", see the module.
+        Kind of backup: "expected" or "sampled"; see the docstring of the module.
 
     Raises
     ------
     SettingsError
-        A negative budget or exploration constant, no capacity, an unknown backup.
+        The budget or the exploration constant is negative, the capacity is zero, or the backup is
+        unknown.
 
     Examples
     --------
