@@ -32,7 +32,7 @@ def name_of(problem):
     return problem.name
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("problem", GAINFUL, ids=name_of)
 def test_the_bonus_gains_nearly_all_that_can_be_gained(problem):
     best, _ = optimum(problem)
@@ -41,7 +41,7 @@ def test_the_bonus_gains_nearly_all_that_can_be_gained(problem):
     assert earned(problem, learning) >= nothing + 0.95 * (best - nothing)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("problem", HOPELESS, ids=name_of)
 def test_the_bonus_loses_nothing_where_nothing_can_be_gained(problem):
     best, _ = optimum(problem)
@@ -49,7 +49,7 @@ def test_the_bonus_loses_nothing_where_nothing_can_be_gained(problem):
     assert earned(problem, learning) >= best - 5.0
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("problem", GAINFUL + HOPELESS, ids=name_of)
 def test_nothing_beats_the_optimum(problem):
     best, _ = optimum(problem)

@@ -192,7 +192,7 @@ def test_free_behaviors_that_say_nothing_are_not_used(make, table, agent):
 PLAN_AS_BAYES = [name for name in AGENTS if "bayes" in name and name != "bayes"]
 
 
-@pytest.mark.quick(20)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("trials", [4, pytest.param(96, marks=pytest.mark.long)])
 @pytest.mark.parametrize("signal", [0.0, 2.0])
 @pytest.mark.parametrize("name", AGENTS)

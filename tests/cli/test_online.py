@@ -18,7 +18,7 @@ def words(own_data):
     return ("run", "online", "--dataset", own_data, "--root", own_data.parent, *SMALL)
 
 
-def test_json_is_one_object_with_every_field(run, words):
+def test_json_has_every_field_and_a_table_of_two_splits_no_interval(run, words):
     # by this seed both repeats know objects before training that tell something: who has learned
     # nothing answers at once, and explores for no hours
     seeded = ("--repeats", "2", "--seed", "3")
@@ -48,6 +48,12 @@ def test_json_is_one_object_with_every_field(run, words):
     forms = [(p.name[3:-5], log_info(p).form) for p in Path("logs").rglob("*.mcap")]
     assert len(forms) == 2 * 2 * 5
     assert set(forms) == {("train", "full"), ("test", "compact")}
+    result = run(*words, "--agent", "bayes,iterative_morc", *seeded)  # the same, as a table
+    (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("iterative"))
+    assert "±" not in row
+    assert "+-" not in row
+    assert "too few splits for an interval; give --repeats 5" in result.stdout
+    assert "nan" not in result.stdout
 
 
 def test_the_table_fits_and_names_the_log(run, words):
@@ -61,15 +67,6 @@ def test_the_table_fits_and_names_the_log(run, words):
     assert "reward less bayes's" in result.stdout
     assert "nan" not in result.stdout
     assert "trials in logs/online-own-n1-" in result.stderr
-
-
-def test_two_splits_are_too_few_for_an_interval(run, words):
-    result = run(*words, "--agent", "bayes,iterative_morc", "--repeats", "2")
-    (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("iterative"))
-    assert "±" not in row
-    assert "+-" not in row
-    assert "too few splits for an interval; give --repeats 5" in result.stdout
-    assert "nan" not in result.stdout
 
 
 def test_a_run_until_decided_ends_at_its_most_repeats(run, words):

@@ -25,6 +25,7 @@ def test_rates_of_answers_that_never_were_right_are_none(run, tmp_path):
 PAYOFFS = (10.0, -20.0, 30.0, -40.0)  # of a right and a wrong yes, a right and a wrong no
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("kind", ["--yes-no", "--yes-no-balanced"])
 @pytest.mark.parametrize("attributes", [1, 2])
 def test_a_run_pays_what_yes_and_no_earn(run, kind, attributes):

@@ -92,7 +92,7 @@ def test_offline_solvers(name, n, levels):
             follow(momdp_of(domain, n, levels, seed, **options), solver, seed)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("abstain", [False, True])
 @pytest.mark.parametrize("precision", [4.0, np.inf])
 @pytest.mark.parametrize("name", ["toy", "roc36", pytest.param("ispy32", marks=pytest.mark.long)])

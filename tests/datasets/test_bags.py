@@ -105,7 +105,7 @@ def damage(bag, rng):
     path.write_bytes(data)
 
 
-@pytest.mark.quick(15)
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("seed", range(50))
 def test_a_damaged_bag_is_one_line_and_the_others_go_on(tmp_path, seed):
     rng = np.random.default_rng(seed)
@@ -177,7 +177,7 @@ def expected_features(messages):
     return found
 
 
-@pytest.mark.quick(12)
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("seed", range(50))
 def test_a_drawn_bag_is_right_or_one_line(tmp_path, seed):
     """Rates, gaps, order, names and damage together; and nothing is half written."""

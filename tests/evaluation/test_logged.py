@@ -78,7 +78,7 @@ def by_hand(rows, first, second):
     return float(sum(sides[0][key] - sides[1][key] for key in shared) / len(shared))
 
 
-@pytest.mark.quick(40)
+@pytest.mark.quick(10)
 @pytest.mark.parametrize("seed", range(200))
 def test_differences_are_of_one_task_and_change_sign_with_the_order(seed, tmp_path):
     rows = logs_of(tmp_path, np.random.default_rng(seed))

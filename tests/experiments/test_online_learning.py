@@ -116,7 +116,7 @@ def learned(trials, run):
     }
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("name", EVERY)
 def test_each_labelled_instance_is_one_count(name):
     trials, run = trained_once(name)
@@ -140,7 +140,7 @@ def altered():
 
 
 class TestLeaks:
-    @pytest.mark.quick(6)
+    @pytest.mark.quick(3)
     @pytest.mark.parametrize("name", EVERY)
     def test_test_objects_change_nothing(self, altered, name):
         assert learned(*trained_once(name)) == learned(*trained(name, altered))
@@ -293,6 +293,7 @@ class TestPublishedVariants:
             judged += trial.success
         assert judged
 
+    @pytest.mark.quick(2)
     @pytest.mark.parametrize("name", ["iterative_morc", "morc_itrs", "bayes", "bayes_memory"])
     def test_model_percepts_do_not_run_out_in_training_either(self, name):
         trials, run = trained(name, percepts="model", normalizer="all")

@@ -238,6 +238,7 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path, contents):
     assert len(folders) == len(changes)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["bayes_memory", "morc_itrs"])
 def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tmp_path, name):
     """A robot that replays, feedback and refits by hand: `ask` and `tell` are all it takes."""

@@ -61,7 +61,7 @@ def refused(task, domain):
     return ""
 
 
-@pytest.mark.quick(10)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("groups", [*GROUPS, TABLE.domain.groups])
 @pytest.mark.parametrize("n", [2, 3, 4])
 @pytest.mark.parametrize("answer", ["yes or no", "balanced"])

@@ -33,7 +33,7 @@ def streams_of(session):
 KEYS = [None, "mine", 2, "test 2"]  # of which a person names all but one
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("between", [0, 2])
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("how", ["lesson", "test"])

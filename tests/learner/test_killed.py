@@ -39,6 +39,7 @@ def decided(trial):
     return steps, beliefs, trial.answer, trial.ended, trial.cost
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("states", [1, 2])
 @pytest.mark.parametrize("asked", QUESTIONS)
 def test_a_trial_killed_at_any_write_goes_on_as_if_undisturbed(

@@ -232,6 +232,7 @@ class TestAPerceptTable:
 
 
 class TestFromNothing:
+    @pytest.mark.quick(1)
     @pytest.mark.parametrize("agent", ["bayes", "bayes_memory", "morc_itrs"])
     def test_an_agent_that_explores_learns_from_the_first_label_on(self, dataset, make, agent):
         learner = Learner(dataset.domain, agent=agent, logs=None)

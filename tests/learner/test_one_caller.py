@@ -90,6 +90,7 @@ def check_refused(watcher, name):
     assert str(error).lower().startswith(name)
 
 
+@pytest.mark.quick(7)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", CALLS)
 def test_a_call_inside_another_is_refused_and_changes_nothing(

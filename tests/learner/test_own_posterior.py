@@ -179,7 +179,7 @@ def test_no_field_is_forgotten_here():
     assert set(CHANGES) == {field.name for field in dataclasses.fields(Agent)}
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("field", sorted(ALONE))
 def test_with_a_robot(dataset, make, field):
     ours = load_agent("bayes")
@@ -190,7 +190,7 @@ def test_with_a_robot(dataset, make, field):
     assert first == again != second
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("field", sorted(ALONE - {"exploration", "trained_by", "whiten"}))
 def test_on_a_percept_table_whose_classifiers_are_fitted(field):
     ours = load_agent("bayes")

@@ -299,7 +299,7 @@ def damaged(values, kind, place):
     return values
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.filterwarnings("ignore:'l")  # a behavior yields nothing
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("kind", ["NaN", "inf", "-1", "too large", "shape", "dtype"])

@@ -141,6 +141,7 @@ def test_an_outcome_that_comes_late_or_twice_is_refused_where_its_step_is_named(
     session.cancel()
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("steps", range(len(PLAN) + 1))
 def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     learner.save(tmp_path / "mind")

@@ -36,6 +36,7 @@ def title_of(ax):
     return ax.get_figure(root=True).get_suptitle()
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("item", DRAWN)
 def test_a_record_names_its_figures(drawn, item):
     assert record_of(item)["figures"] == list(drawn[item])
@@ -43,7 +44,7 @@ def test_a_record_names_its_figures(drawn, item):
         assert (RESULTS / name).is_file()
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("item", DRAWN)
 def test_figures_are_readable_at_the_width_of_a_page(drawn, item):
     for name, ax in drawn[item].items():
@@ -55,7 +56,7 @@ def test_figures_are_readable_at_the_width_of_a_page(drawn, item):
         assert least * min(1, SHOWN_AT / wide) >= 9, name
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("item", DRAWN)
 def test_no_legend_covers_a_title_or_what_is_drawn(drawn, item):
     for name, ax in drawn[item].items():

@@ -63,6 +63,7 @@ def test_quick_and_partial_runs_leave_the_committed_results(elsewhere, tmp_path)
     assert (tmp_path / "logs" / "paper_repro" / "table5.json").is_file()
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("item", ["table5", "fig7", "fig5", "t1t2"])
 def test_a_full_run_again_gives_the_committed_files(elsewhere, tmp_path, item):
     frame.reproduce(item, frame.Setting(logs=tmp_path / "logs"))

@@ -101,6 +101,7 @@ def test_the_published_questions_are_of_the_first_groups(tmp_path, monkeypatch):
         assert ask.answer_accuracy**n == pytest.approx(0.85)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("drawn", [True, False])
 @pytest.mark.parametrize(("kind", "lead"), kinds(50.0, -50.0, 0.0))
 def test_fig_8_calls_nobody_best_who_is_not_ahead(outcomes, kind, lead, drawn):

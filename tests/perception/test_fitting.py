@@ -32,6 +32,7 @@ def some_rows(dataset, rng, share):
     )
 
 
+@pytest.mark.quick(6)
 @SETTINGS
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.4, 1.0])
 @pytest.mark.parametrize("levels", [2, 4])
@@ -126,6 +127,7 @@ def test_a_person_is_asked_through_perception_too(make):
     assert (np.mean(np.array(said) == dataset.labels[0], axis=0) > 0.5).all()
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("method", [DEFAULT, PAPER, with_classifier(GaussianNB())])
 def test_percepts_are_made_from_the_modalities_that_are_there(make, method):
     dataset = make(8, objects=30, signal=8.0)

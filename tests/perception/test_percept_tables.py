@@ -73,7 +73,7 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
                 np.testing.assert_array_equal(bins, expected)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(2)
 @ANY_SIZE
 def test_labels_of_what_is_held_out_do_not_reach_its_table(make, relabel, settings):
     dataset = make(3, objects=14)
@@ -87,6 +87,7 @@ def test_labels_of_what_is_held_out_do_not_reach_its_table(make, relabel, settin
     assert changed.any()
 
 
+@pytest.mark.quick(3)
 @ANY_SIZE
 def test_every_recording_of_the_others_is_counted_once(make, settings):
     table = build_percept_table(make(4, objects=14), perception=settings)
@@ -186,6 +187,7 @@ def test_counts_tell_what_is_there(ragged):
     assert "0 to 3 recordings" in repr(ragged)
 
 
+@pytest.mark.quick(1)
 @SETTINGS
 def test_tables_hold_what_is_there(ragged, settings, tmp_path):
     table = build_percept_table(ragged, perception=settings)
@@ -204,6 +206,7 @@ def test_tables_hold_what_is_there(ragged, settings, tmp_path):
             np.testing.assert_array_equal(getattr(read, name), getattr(written, name))
 
 
+@pytest.mark.quick(1)
 @SETTINGS
 def test_every_recording_that_is_there_counts_once(ragged, settings):
     counts = fit_and_validate(ragged, TrainingSet.everything(ragged), settings=settings)[1]

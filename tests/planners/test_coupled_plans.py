@@ -94,6 +94,7 @@ KINDS = [
 ]
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("enumerated", [coupled.ENUMERATED, 0])
 @given(seed=st.integers(0, 2**32))

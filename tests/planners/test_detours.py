@@ -135,7 +135,7 @@ def test_steps_sum_up_what_trying_again_comes_to(seed, discount):
     assert (steps.cost[legal] >= dynamics.step["cost"][legal] - 1e-12).all()
 
 
-@pytest.mark.quick(12)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("question", ["full", "full, red", "Is it full and not red?"])
 @pytest.mark.parametrize("seed", range(30))
 def test_a_plan_is_worth_no_more_than_the_certified_bound(seed, question):

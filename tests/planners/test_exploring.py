@@ -49,7 +49,7 @@ def decided(solver, momdp, seed=0):
     return solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
 
 
-@pytest.mark.quick(12)
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("success", [1.0, 0.5, 0.2])
 @pytest.mark.parametrize(("cost", "pay"), [(3.0, 5.0), (3.0, 40.0), (0.5, 0.75)])

@@ -26,6 +26,7 @@ def solve(momdp, points=3_000, **settings):
 
 
 class TestThePolicy:
+    @pytest.mark.quick(3)
     @pytest.mark.parametrize("seed", range(3))
     @pytest.mark.parametrize("limit", [1, 3])
     def test_it_is_near_the_optimum_where_percepts_run_out(self, small, seed, limit):
@@ -36,6 +37,7 @@ class TestThePolicy:
         value = optimum.of_policy(solve(momdp), 0)
         assert best - 0.05 * (momdp.correct - momdp.incorrect) <= value <= best + 1e-9
 
+    @pytest.mark.quick(1)
     @pytest.mark.statistical
     @pytest.mark.parametrize(("n", "floor"), [(1, 434), (2, 372), (3, 200)])
     def test_value_on_the_noisy_robot(self, small, n, floor):
@@ -176,6 +178,7 @@ def random_rates(domain, rng, size):
     return yes
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("name", "abstain"), [("toy", False), ("toy", True), ("ispy32", True), ("cy101", False)]
 )

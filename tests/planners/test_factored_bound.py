@@ -238,6 +238,7 @@ class TestPartsOfAQuery:
         assert policy.upper_bound == pytest.approx(solve(reduced).upper_bound, abs=0.05)
         assert upper_bound(momdp, size=1) == pytest.approx(policy.upper_bound, abs=0.05)
 
+    @pytest.mark.quick(2)
     @pytest.mark.parametrize("seed", range(4))
     def test_of_finite_precision(self, small, seed):
         """Percepts that repeat themselves tell less than fresh ones."""

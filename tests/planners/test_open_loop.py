@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from meal_bayes.domain import Event, Query, domain_from_table, load_domain
@@ -162,7 +162,7 @@ def test_every_legal_behavior_has_a_plan(small, name, precision, n, options):
         np.testing.assert_array_equal(np.isfinite(values), problem.dynamics.step["legal"][x])
 
 
-@pytest.mark.quick(8)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(
     "options",
     [
@@ -245,6 +245,7 @@ def worth_of(optimum, x, seen, plan):
     return optimum.edge(x, seen, first, lambda x, seen: worth_of(optimum, x, seen, rest))
 
 
+@settings(max_examples=settings().max_examples // 2)
 @given(
     seed=st.integers(0, 2**32),
     levels=st.sampled_from([2, 4, 6, 8]),

@@ -23,6 +23,7 @@ def faults_of(bounds, upper, value, error):
             yield f"{value:.1f} +- {error:.1f} is above the bound {bound['upper']} of {after}"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.statistical
 @pytest.mark.parametrize(
     "name",

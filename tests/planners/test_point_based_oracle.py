@@ -112,6 +112,7 @@ def acyclic(n: int, levels: int, seed: int, **options) -> MOMDP:
     return build_momdp(domain, Query(names), rows, prior=rng.uniform(0.2, 0.8, n), **options)
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize(
     ("n", "levels", "objective", "shaped"),
     [

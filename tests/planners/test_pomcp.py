@@ -53,7 +53,7 @@ class TestAgainstTheOptimum:
 
         return make
 
-    @pytest.mark.quick(5)
+    @pytest.mark.quick(3)
     @pytest.mark.parametrize("abstain", [False, True])
     @pytest.mark.parametrize("problem", PROBLEMS)
     @pytest.mark.parametrize("simulations", [30, 300, 3000])
@@ -63,6 +63,7 @@ class TestAgainstTheOptimum:
         assert value <= best + 1e-9
         assert value >= best - 55 / np.sqrt(simulations)  # of 200 between right and wrong
 
+    @pytest.mark.quick(3)
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_without_discount(self, small, solved, problem):
         momdp, _, best = solved(problem, objective=Objective(discount=1.0))
@@ -101,7 +102,7 @@ class TestAgainstTheOptimum:
         best = optimum.value(0, optimum.nothing_seen())
         assert small.best_value(small.search(momdp, 3000)) == pytest.approx(best, abs=1.0)
 
-    @pytest.mark.quick(4)
+    @pytest.mark.quick(2)
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_its_policy_is_worth_at_most_the_optimum_and_nearly_that(self, solved, problem):
         momdp, optimum, best = solved(problem)

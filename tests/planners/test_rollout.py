@@ -56,7 +56,7 @@ def near(estimate, se, exact, sigma=4.0):
     return abs(estimate - exact) <= sigma * se
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(2)
 @pytest.mark.statistical
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_the_estimate_is_unbiased(small, problem):

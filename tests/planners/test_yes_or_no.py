@@ -42,7 +42,7 @@ def asked(momdp, event, payoffs):
     return replace(momdp, query=query, payoffs=payoffs, **extremes)
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("event", EVENTS)
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_planners_against_the_optimum(problem, event, small):
@@ -65,7 +65,7 @@ def test_planners_against_the_optimum(problem, event, small):
     assert optimum.of_policy(search, 0) >= best - 0.02 * (momdp.correct - momdp.incorrect)
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("event", EVENTS)
 @pytest.mark.parametrize("seed", range(4))
 def test_the_bound_holds_and_is_near(event, seed, small):

@@ -101,6 +101,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.quick(12)
 @pytest.mark.parametrize("name", CHANGES)
 def test_inconsistent_messages_are_refused(name, trial):
     where, change = CHANGES[name]

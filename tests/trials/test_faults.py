@@ -74,6 +74,7 @@ def momdp_of(behavior):
     return build_momdp(DOMAIN, Query(DOMAIN.attributes[:1]), rows, objective=goal)
 
 
+@pytest.mark.quick(8)
 @pytest.mark.parametrize("moves", [True, False])
 @pytest.mark.parametrize("behavior", ["look", "press"])
 @pytest.mark.parametrize("name", ["random_legal", "predefined_plus", "greedy", "morc", "bayes"])

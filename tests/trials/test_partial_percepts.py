@@ -130,6 +130,7 @@ def by_enumeration(momdp, counts):
     return prob / prob.sum()
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("block", range(6))
 def test_the_belief_is_that_of_an_independent_filter(block):
     parts = 0

@@ -225,7 +225,7 @@ def boxes(axes):
     return [(t, t.get_window_extent()) for t in shown if t not in hidden]
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("attributes", [1, 2, 4, 7, 12])
 def test_no_text_is_cut_or_on_another_one_or_on_a_belief(attributes, narrow):

@@ -70,7 +70,7 @@ class Machine:
         return Outcome(self.state, sensed)
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("seed", range(67))  # 201 sessions
 def test_no_command_is_impossible_and_every_excluded_move_is_told(seed):
     rng = np.random.default_rng(seed)
