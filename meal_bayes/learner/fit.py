@@ -11,12 +11,12 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit, logit
 
 from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.domain import Query
-from meal_bayes.learner.experience import Context, Experience, Labels
+from meal_bayes.learner.experience import NONE, Context, Experience, Labels
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.learner.trust import told_prior
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, SampledPercepts
 from meal_bayes.planners import Policy
@@ -25,6 +25,8 @@ from meal_bayes.seeds import Key, stream
 from meal_bayes.trials import Step, Task
 
 OnStep = Callable[[Step], None] | None  # called after each step
+_LABEL_ACCURACY = 0.99  # Pr(a label that was told of an object is right)
+_MOST_VOTES = 5  # of one side more than of the other, beyond which a belief could not be moved
 
 
 class Fit(Protocol):
@@ -104,9 +106,19 @@ def limits_of(fit: Fit, limit: ArrayLike) -> NDArray[np.float64]:
 def told_of(fit: Fit, task: Task) -> NDArray[np.float64] | None:
     """Return Pr(attribute is true) (N,) by what was told of a task's object, if it is recognized.
 
-    An agent with memory recognizes an object of which anything was told.
+    An agent with memory recognizes an object of which anything was told. Labels of different trials
+    err independently given the truth. Where as many say yes as no, they tell nothing, and the
+    probability is NaN; None where nothing was told.
     """
-    return told_prior(fit.record, task.query, task.object_name) if fit.agent.memory else None
+    if not fit.agent.memory:
+        return None
+    o = fit.record.objects.get(task.object_name, NONE)
+    labels = fit.record.labels_by_trial(o)[:, fit.record.domain.columns(task.query.attributes)]
+    if not (labels >= 0).any():
+        return None
+    votes = (labels == 1).sum(axis=0) - (labels == 0).sum(axis=0)
+    chance = expit(np.clip(votes, -_MOST_VOTES, _MOST_VOTES) * logit(_LABEL_ACCURACY))
+    return np.where(votes == 0, np.nan, chance)
 
 
 def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:

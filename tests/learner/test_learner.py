@@ -152,6 +152,23 @@ def test_who_recognizes_an_object_believes_its_labels_of_it_only(dataset, make):
     np.testing.assert_array_equal(prior, learner.knowledge().base_rates[:1])
 
 
+def test_labels_of_one_object_from_several_trials_are_evidence_each(make):
+    learner = Learner(make.kitchen, agent="bayes_memory", logs=None)
+
+    def told(*values):
+        """Tell an object's label after each of several trials; return the next prior."""
+        name = f"cup {values}"
+        for n, value in enumerate(values):
+            trial = learner.ask("red", make.arm(seed=n), object_name=name)
+            learner.tell(trial, {"red": value})
+        return learner.problem("red", name).prior[0]
+
+    assert told(True, True) == pytest.approx(0.99**2 / (0.99**2 + 0.01**2))
+    assert told(False, False) == pytest.approx(0.01**2 / (0.99**2 + 0.01**2))
+    assert told(True, False, False) == pytest.approx(0.01)
+    assert told(True, False) == pytest.approx(learner.knowledge().base_rates[0])
+
+
 def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
     """4 levels, a shared trait, base rates, unknown labels unknown."""
     labels = np.array(dataset.labels)
