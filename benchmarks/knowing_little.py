@@ -6,7 +6,7 @@
     python benchmarks/knowing_little.py detector cy101 --known 0,2,4,8 --seeds 0-6 --json > now.json
     python benchmarks/knowing_little.py scores cy101 --known 0,2,4,8,16 --seeds 0-10
     python benchmarks/knowing_little.py words --seeds 0-4
-    python benchmarks/knowing_little.py wrong_labels cy101 --seeds 0-8 --json > now.json
+    python benchmarks/knowing_little.py wrong_labels cy101 --seeds 0-8 --told --json > now.json
     python benchmarks/knowing_little.py raters ispy32
     python benchmarks/knowing_little.py compare before.json now.json
     python benchmarks/knowing_little.py detector cy101 --seeds 0-10 --keep now
@@ -27,7 +27,8 @@ the recordings of 70 objects of CY101 are given, with the labels of the words FI
 of the domain are added afterwards, and told of n of these objects, then QUESTIONS questions about
 the other 30 objects ask them. `wrong_labels`: as the first 100 trials of
 `nothing`, with right labels, and with labels of which WRONG are drawn to be wrong; the difference
-is what these cost. `raters`: how often a second rater of a data set agrees with its labels, on all
+is what these cost. With `--told` a third robot gets the same wrong labels and is told how many are
+right. `raters`: how often a second rater of a data set agrees with its labels, on all
 pairs of word and object that both judged, and on those of the words that experiments ask, with a
 95 % interval over objects. `compare` prints paired differences with 95 % t-intervals over the
 seeds. `--keep before` and `--keep now` put the rows of `known` and `detector` into
@@ -214,16 +215,22 @@ def from_nothing(name: str, seed: int, agent: str) -> Row:
     }
 
 
-def wrong_labels(name: str, seed: int, agent: str) -> Row:
+def wrong_labels(name: str, seed: int, agent: str, *, told: bool = False) -> Row:
     """Measure what 100 trials from nothing lose where some of the labels told are wrong."""
     start = time.process_time()
     data = load_dataset(name)
     reward: Row = {}
-    for kind, wrong in (("right labels", 0.0), ("wrong labels", WRONG)):
+    cases: list[tuple[str, float, dict[str, float]]] = [
+        ("right labels", 0.0, {}),
+        ("wrong labels", WRONG, {}),
+    ]
+    if told:
+        cases.append(("told", WRONG, {"label_accuracy": 1.0 - WRONG}))
+    for kind, wrong, options in cases:
         rng = stream(seed, "from nothing", name)
         errors = stream(seed, "wrong labels", name)
         objects = rng.permutation(len(data.objects))[len(data.objects) // 3 :]
-        learner = Learner(data.domain, agent=agent_of(agent), seed=seed, logs=None)
+        learner = Learner(data.domain, agent=agent_of(agent), seed=seed, logs=None, **options)
         total = 0.0
         for t in range(100):
             o = int(objects[t % len(objects)])
@@ -233,8 +240,10 @@ def wrong_labels(name: str, seed: int, agent: str) -> Row:
             learner.tell(trial, answers(truth, errors, 1.0 - wrong))
             total += trial.reward
         reward[kind] = total
-    lost = reward["right labels"] - reward["wrong labels"]
-    return {"data": name, "seed": seed, **reward, "lost": lost, "cpu": time.process_time() - start}
+    lost = {"lost": reward["right labels"] - reward["wrong labels"]}
+    if told:
+        lost["lost, told"] = reward["right labels"] - reward["told"]
+    return {"data": name, "seed": seed, **reward, **lost, "cpu": time.process_time() - start}
 
 
 def raters(name: str) -> list[Row]:
@@ -530,7 +539,7 @@ def _ink(dark: bool) -> str:
 
 _MEASURES = (
     "reward", "right", "s", "first 100", "first 300", "tests",
-    "right labels", "wrong labels", "lost",
+    "right labels", "wrong labels", "lost", "told", "lost, told",
 )  # fmt: skip
 
 
@@ -554,6 +563,7 @@ def main() -> None:
     parser.add_argument("--known", default=",".join(map(str, KNOWN)))
     parser.add_argument("--seeds", default="0-4", metavar="FIRST-END")
     parser.add_argument("--agent", default="bayes")
+    parser.add_argument("--told", action="store_true", help="tell how often labels are wrong")
     parser.add_argument("--keep", choices=(BEFORE, NOW), help="put rows into knowing_little.json")
     options = parser.parse_args()
     if options.part == "picture":
@@ -573,7 +583,9 @@ def main() -> None:
     elif options.part == "words":
         rows = [row for seed in seeds for row in later_words(seed, options.agent)]
     elif options.part in ("nothing", "wrong_labels"):
-        measure = from_nothing if options.part == "nothing" else wrong_labels
+        measure = from_nothing
+        if options.part == "wrong_labels":
+            measure = partial(wrong_labels, told=options.told)
         rows = [measure(name, seed, options.agent) for name in names for seed in seeds]
     elif options.part == "scores":
         rows = [

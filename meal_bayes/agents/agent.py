@@ -151,7 +151,10 @@ class Agent:
             told = np.full(len(query), np.nan)
         joint = None
         if self.base_rates and self.co_occurrence:
-            joint = joint_prior(domain, knowledge.labels, knowledge.base_rates, query, told)
+            of_labels = None if knowledge.rates is None else knowledge.rates.of_labels
+            joint = joint_prior(
+                domain, knowledge.labels, knowledge.base_rates, query, told, of_labels
+            )
         loss = None if reward is None else wrong_reward(reward)
         momdp = build_momdp(
             domain,

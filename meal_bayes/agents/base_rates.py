@@ -21,6 +21,13 @@ would move all rates, and every plan would be made anew.
 
 The values of a group exclude each other, so they are not pooled with the rest: they keep a
 symmetric Dirichlet prior.
+
+If labels are known to be right with a probability a below 1, a label counts as true in part, by
+
+    Pr(true | yes) = a r / (a r + (1 - a) (1 - r))
+    Pr(true | no) = (1 - a) r / ((1 - a) r + a (1 - r))
+
+at the rates r at which all counts agree (expectation maximization). Labels of groups count in full.
 """
 
 from dataclasses import dataclass
@@ -44,8 +51,9 @@ _STEP = 0.5  # between log-odds of the rates that stand for the whole posterior
 _LOG_ODDS = np.arange(-7.0, 7.0 + _STEP / 2, _STEP)
 RATES: Floats = expit(_LOG_ODDS)  # (R,), see `BaseRates.probabilities`
 
-_ROUNDS = 100  # of sharing out objects whose value of a group is known in part
+_ROUNDS = 100  # of expectation maximization
 _SAME = 1e-12  # rates that move by less stay
+_SAME_COUNT = 1e-6  # objects; counts that move by less stay
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +64,16 @@ class BaseRates(FrozenArrays):
     ----------
     true : NDArray[np.float64]
         (P,) labeled objects of which the attribute is true. An object whose value of a group is
-        known in part counts in part for each value that is left.
+        known in part counts in part for each value that is left, and so does a label that may be
+        wrong.
     labeled : NDArray[np.float64]
         (P,) labeled objects.
     values : NDArray[np.int64]
         (P,) number of values of the attribute's group; 0 of an attribute that is in none.
     weights : NDArray[np.float64]
         (Q,) probabilities of the points (mu, n0) of the grid.
+    label_accuracy : float
+        Pr(a label is right).
 
     Examples
     --------
@@ -78,6 +89,7 @@ class BaseRates(FrozenArrays):
     labeled: NDArray[np.float64]
     values: NDArray[np.int64]
     weights: NDArray[np.float64]
+    label_accuracy: float = 1.0
 
     @property
     def mean(self) -> Floats:
@@ -86,6 +98,12 @@ class BaseRates(FrozenArrays):
         values = np.maximum(self.values, 1)
         of_group = (self.true + PRIOR_OBJECTS) / (self.labeled + values * PRIOR_OBJECTS)
         return np.asarray(np.where(self.values > 0, of_group, pooled))
+
+    @property
+    def of_labels(self) -> Floats:
+        """Pr(a label of a new object says yes), (P,); the mean, where labels are never wrong."""
+        wrong = np.where(self.values > 0, 0.0, 1.0 - self.label_accuracy)
+        return np.asarray(self.mean * (1.0 - wrong) + (1.0 - self.mean) * wrong)
 
     @property
     def probabilities(self) -> Floats:
@@ -113,7 +131,12 @@ class BaseRates(FrozenArrays):
         return total
 
 
-def learn_base_rates(domain: Domain, labels: ArrayLike, weights: Floats | None = None) -> BaseRates:
+def learn_base_rates(
+    domain: Domain,
+    labels: ArrayLike,
+    weights: Floats | None = None,
+    label_accuracy: float = 1.0,
+) -> BaseRates:
     """Learn the rates of a domain's attributes from labels.
 
     Parameters
@@ -125,6 +148,8 @@ def learn_base_rates(domain: Domain, labels: ArrayLike, weights: Floats | None =
     weights : Floats, optional
         (Q,) probabilities of the grid's points, where these were learned before; by default they
         are learned from the same labels.
+    label_accuracy : float
+        Pr(a label is right), above one half.
     """
     known = np.asarray(labels)
     labeled = (known >= 0).sum(axis=0).astype(float)
@@ -134,10 +159,23 @@ def learn_base_rates(domain: Domain, labels: ArrayLike, weights: Floats | None =
         columns = domain.columns(members)
         true[columns], labeled[columns] = _shared_out(known[:, columns])
         values[columns] = len(columns)
-    if weights is None:
-        alone = values == 0
-        weights = _grid_weights(true[alone], labeled[alone])
-    return BaseRates(true, labeled, values, weights)
+    alone = values == 0
+    said = true
+    for _ in range(_ROUNDS):
+        pooled = _grid_weights(true[alone], labeled[alone]) if weights is None else weights
+        rates = BaseRates(true, labeled, values, pooled, label_accuracy)
+        if label_accuracy == 1.0:
+            break
+        # Of the labels that say yes, and no, the part whose attribute is true.
+        mean = rates.mean
+        right, wrong = label_accuracy * mean, (1.0 - label_accuracy) * mean
+        of_labels = rates.of_labels
+        counts = said * right / of_labels + (labeled - said) * wrong / (1.0 - of_labels)
+        counts = np.where(alone, counts, true)
+        if np.allclose(counts, true, rtol=0.0, atol=_SAME_COUNT):
+            break
+        true = counts
+    return rates
 
 
 def _grid_weights(true: Floats, labeled: Floats) -> Floats:

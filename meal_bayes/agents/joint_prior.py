@@ -43,6 +43,7 @@ def joint_prior(
     base_rates: Floats,
     query: Query,
     told: Floats | None = None,
+    of_labels: Floats | None = None,
 ) -> Floats | None:
     """Compute Pr(values) (Y,) of a query in the order of `Query.values`; None where independent.
 
@@ -59,11 +60,13 @@ def joint_prior(
     told : NDArray[np.float64] | None
         (N,) Pr(attribute is true) of those that a person labeled on this object, NaN of the others,
         which then follow from them.
+    of_labels : NDArray[np.float64] | None
+        (P,) Pr(a label says yes), if labels may be wrong; else the base rates.
     """
     if query.n_values > MOST_VALUES:
         return None
     columns = domain.columns(query.attributes)
-    coupled = coupled_pairs(domain, labels, base_rates, sorted(columns))
+    coupled = coupled_pairs(domain, labels, base_rates, sorted(columns), of_labels)
     if not len(coupled.pairs):
         return None
     values = query.values.astype(np.int64)
@@ -89,10 +92,12 @@ def coupled_pairs(
     labels: NDArray[np.int8],
     base_rates: Floats,
     columns: list[int] | None = None,
+    of_labels: Floats | None = None,
 ) -> Coupled:
     """Return the pairs that labels (O,P) couple, among some columns that rise, or among all.
 
-    Values of one group are left out: they are one variable already.
+    Values of one group are left out: they are one variable already. Labels that may be wrong say
+    yes at rates `of_labels` (P,); the odds ratio of a pair is that of its labels.
     """
     places = np.arange(len(domain.attributes)) if columns is None else np.array(columns)
     variable = np.arange(len(domain.attributes))
@@ -104,7 +109,8 @@ def coupled_pairs(
     sides = [(labels[:, places] == value).astype(float) for value in (0, 1)]
     # Objects (M,4) by both labels: neither, the second alone, the first alone, both.
     counts = np.stack([(a.T @ b)[first, second] for a in sides for b in sides], axis=1)
-    p, q = base_rates[places[first]], base_rates[places[second]]
+    rates = base_rates if of_labels is None else of_labels
+    p, q = rates[places[first]], rates[places[second]]
     product = np.stack([(1 - p) * (1 - q), (1 - p) * q, p * (1 - q), p * q], axis=1)  # (M,4)
     # Coupled: a Dirichlet about independence, of several strengths; else independence itself.
     evidence = _log_evidence(counts, _STRENGTHS[:, None, None] * product)  # (S,M)
@@ -113,7 +119,8 @@ def coupled_pairs(
     strength = _STRENGTHS[evidence[:, found].argmax(axis=0), None]
     weights = counts[found] + strength * product[found]
     pairs = np.column_stack([places[first], places[second]])[found]
-    return Coupled(pairs, _with_margins(weights, p[found], q[found]), gain[found])
+    margins = base_rates[pairs].T
+    return Coupled(pairs, _with_margins(weights, *margins), gain[found])
 
 
 def _log_evidence(counts: Floats, weights: Floats) -> Floats:

@@ -89,7 +89,8 @@ class Knowledge(FrozenArrays):
         Unless they are to `pool` rates anew, how far these are pooled stays as it was learned.
         """
         weights = None if pool or self.rates is None else self.rates.weights
-        rates = learn_base_rates(self.domain, labels, weights)
+        accuracy = 1.0 if self.rates is None else self.rates.label_accuracy
+        rates = learn_base_rates(self.domain, labels, weights, accuracy)
         return replace(self, base_rates=rates.mean, labels=_labeled(labels), rates=rates)
 
 
@@ -134,13 +135,15 @@ def knowledge_of(
     *,
     object_level: bool = True,
     given: NDArray[np.bool_] | None = None,
+    label_accuracy: float = 1.0,
 ) -> Knowledge:
     """Learn from percepts of held-out classifiers, and labels (O,P) of the objects; -1 unknown.
 
     Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is
-    as in `knowledge_without`, `given` as in `ConfusionPosterior.from_objects`.
+    as in `knowledge_without`, `given` as in `ConfusionPosterior.from_objects`, and `label_accuracy`
+    as in `learn_base_rates`.
     """
-    rates = learn_base_rates(domain, labels)
+    rates = learn_base_rates(domain, labels, label_accuracy=label_accuracy)
     mean = rates.mean
     labeled = _labeled(labels)
     if not object_level:

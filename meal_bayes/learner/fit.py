@@ -25,7 +25,7 @@ from meal_bayes.seeds import Key, stream
 from meal_bayes.trials import Step, Task
 
 OnStep = Callable[[Step], None] | None  # called after each step
-_LABEL_ACCURACY = 0.99  # Pr(a label that was told of an object is right)
+_LABEL_ACCURACY = 0.99  # of what was told of an object, where nobody says how far labels are right
 _MOST_VOTES = 5  # of one side more than of the other, beyond which a belief could not be moved
 
 
@@ -117,7 +117,8 @@ def told_of(fit: Fit, task: Task) -> NDArray[np.float64] | None:
     if not (labels >= 0).any():
         return None
     votes = (labels == 1).sum(axis=0) - (labels == 0).sum(axis=0)
-    chance = expit(np.clip(votes, -_MOST_VOTES, _MOST_VOTES) * logit(_LABEL_ACCURACY))
+    log_odds = logit(min(fit.settings.label_accuracy or _LABEL_ACCURACY, _LABEL_ACCURACY))
+    chance = expit(np.clip(votes, -_MOST_VOTES, _MOST_VOTES) * log_odds)
     return np.where(votes == 0, np.nan, chance)
 
 

@@ -168,6 +168,11 @@ class Learner:
     learn_success : bool
         Whether to learn the success rates of behaviors at every refit. If False, they are taken
         from the domain.
+    label_accuracy : float, optional
+        Probability that a label is right, if you know it, for example from two people who label
+        the same objects. Then base rates count a label by the probability that it is right, and an
+        agent with memory believes an object's label as much. By default, base rates count every
+        label as right, and an agent with memory believes a label with probability .99.
     horizon : float, optional
         Expected number of future questions, which determines how much exploration is worth. By
         default it is 20 more than the number of questions so far, without tests.
@@ -199,6 +204,7 @@ class Learner:
         percepts: str = "recorded",
         refit_every: float | None = REFIT_EVERY,
         learn_success: bool = True,
+        label_accuracy: float | None = None,
         horizon: float | None = None,
         logs: str | Path | None = LOGS,
         settings: LearnerSettings | None = None,
@@ -210,6 +216,7 @@ class Learner:
             "horizon": horizon,
             "refit_every": refit_every,
             "learn_success": learn_success,
+            "label_accuracy": label_accuracy,
             "reward": reward,
             "percepts": percepts,
             "classifier": classifier,

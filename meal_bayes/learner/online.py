@@ -124,6 +124,7 @@ class Online:
             object_labels,
             object_level=agent.object_level,
             given=views.given_pairs(record),
+            label_accuracy=settings.label_accuracy or 1.0,
         )
         if settings.posterior is not None:  # one's own, in place of what these counts say
             knowledge = replace(knowledge, posterior=settings.posterior)

@@ -55,6 +55,7 @@ class LearnerSettings(ByValue):
     horizon: float | None = None
     refit_every: float | None = REFIT_EVERY
     learn_success: bool = True
+    label_accuracy: float | None = None
     percepts: str = "recorded"
     classifier: object = None
     posterior: ConfusionPosterior | None = None
@@ -78,6 +79,12 @@ class LearnerSettings(ByValue):
             )
         check_amount("refit_every", self.refit_every, np.inf, or_none=True)
         check_yes_no("learn_success", self.learn_success)
+        accuracy = self.label_accuracy
+        if accuracy is not None and not (is_number(accuracy) and 0.5 < accuracy <= 1.0):
+            raise SettingsError(
+                f"label_accuracy is {accuracy!r:.60}; give the probability that a label is right, "
+                "above 0.5 and at most 1, or None."
+            )
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
 
 

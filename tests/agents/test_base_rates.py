@@ -128,3 +128,26 @@ def test_rates_of_a_group_sum_to_one(values, ruled_out):
     others = np.delete(np.arange(3), ruled_out)
     before = rates[columns][others]
     np.testing.assert_allclose(after[others] / after[others].sum(), before / before.sum())
+
+
+@given(st.floats(0.05, 0.95), st.floats(0.75, 1.0), st.integers(0, 2**32))
+def test_rates_behind_labels_that_may_be_wrong_are_found(rate, accuracy, seed):
+    rng = np.random.default_rng(seed)
+    truth = rng.random((2_000, 2)) < rate
+    said = np.where(rng.random(truth.shape) < accuracy, truth, ~truth).astype(np.int8)
+    rates = learn_base_rates(TOY, said, label_accuracy=accuracy)
+    np.testing.assert_allclose(rates.mean, truth.mean(axis=0), atol=0.05 / (2 * accuracy - 1))
+    np.testing.assert_allclose(rates.of_labels, said.mean(axis=0), atol=0.02)
+
+
+def test_labels_that_may_be_wrong_count_less_while_there_are_few():
+    told = np.full((3, len(CY101.attributes)), -1)
+    told[:, 0] = 1
+    rates = [learn_base_rates(CY101, told, label_accuracy=a).mean[0] for a in (0.6, 0.8, 0.99, 1.0)]
+    assert rates == sorted(rates)
+    assert rates[0] < 0.5 < rates[-1]
+    domain = load_domain("roc36")  # groups count labels in full
+    labels = np.zeros((2, len(domain.attributes)), np.int8)
+    labels[:, domain.columns([members[0] for members in domain.groups.values()])] = 1
+    doubted = learn_base_rates(domain, labels, label_accuracy=0.8).mean
+    np.testing.assert_array_equal(doubted, learn_base_rates(domain, labels).mean)

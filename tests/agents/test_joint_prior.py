@@ -71,6 +71,16 @@ def test_few_labels_couple_nothing(seed):
     assert learned(labels)[1].pairs.size == 0
 
 
+def test_wrong_labels_of_independent_attributes_couple_none():
+    domain = load_domain("cy101")
+    rng = np.random.default_rng(3)
+    truth = rng.random((200, len(domain.attributes))) < 0.15
+    labels = np.asarray(truth ^ (rng.random(truth.shape) < 0.2), np.int8)
+    rates = learn_base_rates(domain, labels, label_accuracy=0.8)
+    assert coupled_pairs(domain, labels, rates.mean, None, rates.of_labels).pairs.size == 0
+    assert coupled_pairs(domain, labels, rates.mean).pairs.size > 0  # as if never wrong
+
+
 def coupled(pairs):
     """Return what is known of pairs of an odds ratio of 9, or 1 / 9, at even base rates."""
     alike = np.array([0.375, 0.125, 0.125, 0.375])

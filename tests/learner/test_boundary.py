@@ -43,6 +43,7 @@ BY_NAME = {
     "horizon": 7.0,
     "refit_every": None,
     "learn_success": False,
+    "label_accuracy": 0.9,
     "reward": 100.0,
     "percepts": "model",
     "classifier": "any",

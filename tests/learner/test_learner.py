@@ -169,6 +169,25 @@ def test_labels_of_one_object_from_several_trials_are_evidence_each(make):
     assert told(True, False) == pytest.approx(learner.knowledge().base_rates[0])
 
 
+def test_labels_count_by_how_far_they_are_said_to_be_right(make, tmp_path):
+    believing = Learner(make.kitchen, agent="bayes_memory", logs=None)
+    doubting = Learner(make.kitchen, agent="bayes_memory", logs=None, label_accuracy=0.8)
+    for learner in (believing, doubting):
+        for n in range(20):
+            learner.tell(f"cup {n}", {"red": n == 0, "full": n < 14})
+    assert believing.problem("red", "cup 0").prior[0] == pytest.approx(0.99)
+    assert doubting.problem("red", "cup 0").prior[0] == pytest.approx(0.8)
+    rare, common = doubting.knowledge().base_rates < believing.knowledge().base_rates
+    assert rare
+    assert not common
+    doubting.save(tmp_path / "kitchen.learner")
+    again = Learner.load(tmp_path / "kitchen.learner", agent="bayes_memory")
+    for learner in (doubting, again):
+        learner.tell("mug", {"red": False})
+    rates = doubting.knowledge().base_rates
+    np.testing.assert_array_equal(again.knowledge().base_rates, rates)
+
+
 def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
     """4 levels, a shared trait, base rates, unknown labels unknown."""
     labels = np.array(dataset.labels)
@@ -351,6 +370,7 @@ def test_mistakes_are_told(dataset, make):
     for wrong in (
         {"seed": -1}, {"refit_every": 0}, {"refit_every": "x"}, {"agent": 7}, {"reward": "6"},
         {"horizon": "5"}, {"horizon": True}, {"learn_success": "no"},
+        {"label_accuracy": 0.5}, {"label_accuracy": 83}, {"label_accuracy": "often"},
     ):  # fmt: skip
         with pytest.raises(SettingsError):
             Learner(dataset.domain, logs=None, **wrong)
