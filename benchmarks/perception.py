@@ -1,15 +1,13 @@
 """Perception on the real recordings: held-out log-loss, Cohen's kappa, permuted labels, CPU time.
 
-python benchmarks/perception.py [--dataset NAME ...] [--root FOLDER] [--permutations N] [--json]
+python benchmarks/perception.py [--dataset NAME ...] [--permutations N] [--json]
                                 [--without joint|balanced|nonnegative|nested|positive_youden_only]
-                                [--width MEDIANS] [--paper] [--classifier MODULE:NAME ...]
+                                [--width MEDIANS] [--paper]
 
-Ours comes first; the paper's method and classifiers of one's own stand beside it, such as
-sklearn.ensemble:RandomForestClassifier.
+Ours comes first, the paper's method stands beside it.
 """
 
 import dataclasses
-import pydoc
 import time
 from typing import Any
 
@@ -26,7 +24,7 @@ from held_out import (
 from measuring import options_of, show
 
 from meal_bayes.datasets import Dataset, load_dataset
-from meal_bayes.perception import PAPER, build_percept_table, with_classifier
+from meal_bayes.perception import PAPER, build_percept_table
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.seeds import stream
 
@@ -48,10 +46,10 @@ def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
 
 
 def measure(
-    name: str, root: str | None, permutations: int, method: str, settings: PerceptionSettings
+    name: str, permutations: int, method: str, settings: PerceptionSettings
 ) -> dict[str, Any]:
     """Measure one data set under one method."""
-    dataset = load_dataset(name, root=root)
+    dataset = load_dataset(name)
     columns = asked(dataset)
     start = time.process_time()
     log_odds = held_out_log_odds(dataset, settings=settings)
@@ -87,24 +85,17 @@ def main() -> None:
     """Measure the data sets and print a table, or JSON."""
     parser = options_of(__doc__)
     parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
-    parser.add_argument("--root", help="folder mirror of the recordings; downloaded by default")
     parser.add_argument("--permutations", type=int, default=5)
     parser.add_argument("--without", choices=CURES, help="take one of the settings out")
     parser.add_argument("--width", type=float, help="of kernels, in medians; learned by default")
     parser.add_argument("--paper", action="store_true", help="measure the paper's method as well")
-    parser.add_argument("--classifier", nargs="+", default=[], metavar="MODULE:NAME")
     options = parser.parse_args()
     settings = dataclasses.replace(DEFAULT, width=options.width)
     if options.without:
         settings = dataclasses.replace(settings, **{options.without: False})
     methods = {"ours": settings, **({"paper": PAPER} if options.paper else {})}
-    for text in options.classifier:
-        classifier = pydoc.locate(text.replace(":", "."))
-        methods[text] = with_classifier(
-            classifier() if isinstance(classifier, type) else classifier
-        )
     rows = [
-        measure(name, options.root, options.permutations, method, chosen)
+        measure(name, options.permutations, method, chosen)
         for name in options.dataset
         for method, chosen in methods.items()
     ]

@@ -4,8 +4,6 @@ What a benchmark reads or repeats is made small where no option does; what it sa
 """
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Mapping
 from functools import cache
@@ -33,16 +31,12 @@ ELSEWHERE = {"planner", "fuzz", "simulated_page"}
 
 
 class Run(NamedTuple):
-    """A command line, module constants that make it small, and the fixture that it needs.
-
-    One that forks runs in a process of its own.
-    """
+    """A command line, module constants that make it small, and the fixture that it needs."""
 
     benchmark: str
     words: str
     smaller: Mapping[str, Any] = {}
     needs: str = ""
-    apart: bool = False
 
 
 @cache
@@ -100,7 +94,6 @@ RUNS = (
     Run("costs", "learning --task table", {"AXES": {"objects": (10, 20)}}),
     Run("costs", "start", {"COMMANDS": {"help": ("-m", "meal_bayes", "--help")}, "DEMO": "pass"}),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
-    Run("kill_learner", "--kills 1", {"LIVES": 1}, apart=True),
     Run("learner", "--refits 1", REFITS),
     Run("knowing_little", "rates roc36 --seeds 0-1"),
     Run("learning", "toy 0-2 --trials 3"),
@@ -142,7 +135,7 @@ def test_a_benchmark_runs(run, request, monkeypatch, tmp_path, capfd):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "data"))  # what it keeps is not ours
-    start_apart(run, words) if run.apart else start(run, words, monkeypatch)
+    start(run, words, monkeypatch)
     printed = capfd.readouterr().out
     assert printed
     if "--json" in words:
@@ -159,10 +152,3 @@ def start(run, words, monkeypatch):
     with pytest.raises(SystemExit) as end:
         sys.exit(benchmark.main())
     assert not end.value.code
-
-
-def start_apart(run, words):
-    constants = "\n".join(f"b.{name} = {value!r}" for name, value in run.smaller.items())
-    code = f"import {run.benchmark} as b\n{constants}\nb.main()"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [BENCHMARKS, *sys.path]))}
-    subprocess.run([sys.executable, "-c", code, *words], check=True, env=environment)
