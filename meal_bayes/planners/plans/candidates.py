@@ -16,6 +16,7 @@ from meal_bayes.planners.plans.values import PLAN
 LENGTH = 96  # behaviors of a plan, at most
 _SIMPLE_PLANS = 6_000  # of all x; a diagram with more keeps the most promising
 _TOURS = 1_000  # of all x, likewise
+_WALKS = 50_000  # simple plans that are kept
 
 Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
 _Number = TypeVar("_Number", np.int64, np.float64)
@@ -50,7 +51,7 @@ def simple_plans(diagram: DiagramPaths, log_affinity: Floats) -> Candidates:
     most = max(_SIMPLE_PLANS // n_states - n_behaviors, n_behaviors)
     tells = -log_affinity.sum(axis=0)  # (E,U)
     walks = (
-        _simple_walk(diagram.shortest, x, goals)
+        _simple_walk(diagram, x, goals)
         for x in range(n_states)
         for goals in _promising_goals(diagram.shortest, x, tells, most)
     )
@@ -66,14 +67,16 @@ def _all_simple_plans(diagram: DiagramPaths) -> Candidates:
     for x in range(len(legal)):
         goals = np.flatnonzero(shortest.first_action[x] >= 0).tolist()
         for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
-            walks.add(_simple_walk(shortest, x, (*(e,) * k, *(f,) * more)))
+            walks.add(_simple_walk(diagram, x, (*(e,) * k, *(f,) * more)))
     return cheapest(sum_up_walks(diagram, sorted(walks)))
 
 
+@functools.lru_cache(maxsize=_WALKS)  # every library of a run asks for the same ones
 def _simple_walk(
-    shortest: ShortestPaths, x: int, goals: Sequence[int]
+    diagram: DiagramPaths, x: int, goals: tuple[int, ...]
 ) -> tuple[int, tuple[int, ...]]:
     """Return x and the behaviors that gather percepts in turn, as far as paths lead."""
+    shortest = diagram.shortest
     path: tuple[int, ...] = ()
     state = x
     for goal in goals:
