@@ -12,8 +12,10 @@
     python benchmarks/knowing_little.py detector cy101 --seeds 0-10 --keep now
     python benchmarks/knowing_little.py picture
 
-`rates`: 40 splits of a label table; n objects are known, and the answers that base rates alone give
-are judged on the others: how many are right, and log-loss; pooled, and each attribute alone.
+`rates`: 400 splits of a label table; n objects are known, and the answers that base rates alone
+give are judged on the others: how many are right, and log-loss; pooled, and each attribute alone.
+"More" is how many more are right than with the number of objects in the row above, with the
+standard error of this difference over splits.
 
 The others are run in two checkouts (PYTHONPATH) or by two agents, and compared: equal seeds have
 the same objects, questions and luck. `known`: recordings and all labels of n objects are given,
@@ -63,7 +65,7 @@ from meal_bayes.trials import Trial
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SPLITS = 40
+SPLITS = 400
 QUESTIONS = 150
 TRIALS = 300
 TESTS = 100
@@ -88,7 +90,8 @@ def rates(name: str) -> list[Row]:
     table = load_percepts(name)
     rng = np.random.default_rng(5)
     orders = [rng.permutation(len(table.labels)) for _ in range(SPLITS)]
-    rows = []
+    rows: list[Row] = []
+    before = np.zeros(SPLITS)
     for n in KNOWN:
         found = []
         for order in orders:
@@ -96,13 +99,18 @@ def rates(name: str) -> list[Row]:
             truth = table.labels[order[max(KNOWN) :]]  # the same, however many are known
             known = truth >= 0
             alone = ((told == 1).sum(axis=0) + 1) / ((told >= 0).sum(axis=0) + 2)
-            for rate in (learn_base_rates(table.domain, told).mean, alone):
-                right = (((rate >= 0.5) == truth) & known).sum() / known.sum()
+            pooled = learn_base_rates(table.domain, told).mean
+            for rate, yes in ((pooled, pooled > 0.5), (alone, alone >= 0.5)):  # ties were yes
+                right = ((yes == truth) & known).sum() / known.sum()
                 loss = -(np.log(np.where(truth == 1, rate, 1 - rate)) * known).sum() / known.sum()
                 found += [right, loss]
-        columns = np.reshape(found, (SPLITS, 4)).mean(axis=0).tolist()
+        of_splits = np.reshape(found, (SPLITS, 4))
         labels = ("right", "log-loss", "right, alone", "log-loss, alone")
-        rows.append({"data": name, "known": n, **dict(zip(labels, columns, strict=True))})
+        row = dict(zip(labels, of_splits.mean(axis=0).tolist(), strict=True))
+        gained = of_splits[:, 0] - before
+        before = of_splits[:, 0]
+        more = f"{gained.mean():+.4f} ± {stats.sem(gained):.4f}" if rows else ""
+        rows.append({"data": name, "known": n, **row, "more": more})
     return rows
 
 
