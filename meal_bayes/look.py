@@ -239,35 +239,40 @@ class Style(NamedTuple):
     dash: str = "-"
 
 
-# In the order in which tables and legends name them: the paper's first, then ours.
+# In the order in which tables and legends name them: the paper's first, then ours. No two agents
+# have the same marker and color, nor the same line and color.
 _AGENTS = {
     "morc": Style(VERMILION, "^"),
-    "iterative_morc": Style(VERMILION, "^"),
+    "iterative_morc": Style(VERMILION, "<", "--"),
     "morc_itrs": Style(ORANGE, "v"),
     "iterative_random_legal": Style(INK, "+"),
     "random": Style(GRAY, "x"),
-    "random_legal": Style(INK, "+"),
-    "predefined": Style(GREEN, "D"),
-    "predefined_plus": Style(GREEN, "d"),
-    "greedy": Style(PINK, "P"),
-    "olfc": Style(PINK, "X"),
+    "random_legal": Style(INK, "1", "-."),
+    "predefined": Style(GREEN, "D", "--"),
+    "predefined_plus": Style(GREEN, "P"),
+    "greedy": Style(PINK, ">"),
+    "olfc": Style(PINK, "X", "--"),
     "bayes": Style(BLUE, "o"),
+    "bayes_itrs": Style(BLUE, "8", ":"),
+    "bayes_no_bonus": Style(BLUE, "p", "--"),
     "bayes_memory": Style(SKY, "s"),
+    "prior": Style(MID_GRAY, "h", ":"),
 }
 _FAMILIES = {  # of variants, whose names begin like these
-    "iterative_morc": Style(VERMILION, "^", "--"),
-    "morc_itrs": Style(ORANGE, "v", "--"),
-    "morc": Style(ORANGE, "v", "--"),
-    "bayes_memory": Style(SKY, "s", "--"),
-    "bayes": Style(BLUE, "o", "--"),
-    "iterative_random": Style(INK, "+", "--"),
-    "random": Style(GRAY, "x", "--"),
-    "predefined": Style(GREEN, "D", "--"),
-    "greedy": Style(PINK, "P", "--"),
-    "olfc": Style(PINK, "X", "--"),
+    "iterative_morc": Style(VERMILION, "4", "-."),
+    "morc_itrs": Style(ORANGE, "d", "--"),
+    "morc": Style(VERMILION, "3", ":"),
+    "bayes_memory": Style(SKY, "d", "--"),
+    "bayes": Style(BLUE, "H", "-."),
+    "iterative_random": Style(INK, "2", "--"),
+    "random": Style(GRAY, "2", "--"),
+    "predefined": Style(GREEN, "d", ":"),
+    "greedy": Style(PINK, "4", ":"),
+    "olfc": Style(PINK, "d", "-."),
 }
 _OWN = (VIOLET, BLACK)  # of people's own agents
 _OWN_DASHES = ("-", "--", "-.", ":")
+_OWN_MARKERS = ("*", "p", "h", "8")
 REFERENCES = ("morc", "iterative_morc")  # the paper's, which others are compared with
 
 
@@ -283,7 +288,8 @@ def agent_style(name: str) -> Style:
         if name.startswith(f"{family}_"):
             return style
     number = zlib.crc32(name.encode())  # of the name alone, the same in every process
-    return Style(_OWN[number % 2], "*", _OWN_DASHES[number // 2 % len(_OWN_DASHES)])
+    dash = _OWN_DASHES[number // 2 % len(_OWN_DASHES)]
+    return Style(_OWN[number % 2], _OWN_MARKERS[number // 8 % len(_OWN_MARKERS)], dash)
 
 
 def ordered_agents(names: Iterable[str]) -> list[str]:

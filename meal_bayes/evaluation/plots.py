@@ -35,6 +35,7 @@ _MANY = 25  # points on a line, beyond which they get no markers
 _LINES_BESIDE_LEGEND = 3  # lines that leave room for a legend between them
 _TRUTHS = (("false", "s", VERMILION), ("true", "o", BLUE))  # with markers and colors
 _ROW = 0.19  # inches of a row of a forest, of which 40 fit a page
+_BESIDE_0 = 0.03  # of the axis, so that what costs nothing is not drawn on its left edge
 _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn on a log scale
 
 
@@ -249,8 +250,9 @@ def _scale_costs(ax: Axes, means: Sequence[float]) -> None:
     if max(means) > _WIDE * np.median(means):
         ax.set_xscale("symlog", linthresh=1.0, linscale=0.5)
         ax.xaxis.set_major_formatter("{x:g}")
-        ax.set_xlim(right=1.5 * ax.get_xlim()[1])
-    ax.set_xlim(left=0)
+        ax.set_xlim(left=-_BESIDE_0, right=1.5 * ax.get_xlim()[1])
+    else:
+        ax.set_xlim(left=-_BESIDE_0 * ax.get_xlim()[1])
 
 
 def error_lengths(intervals: Sequence[Interval]) -> NDArray[np.float64]:

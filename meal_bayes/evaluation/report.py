@@ -387,6 +387,11 @@ def _costs_text(measured: TrialOutcomes, agent: str) -> list[str]:
     ]
 
 
+def _rank(value: float) -> float:
+    """Return a number by which to sort; what is unknown comes last."""
+    return -math.inf if math.isnan(value) else value
+
+
 def _difference(row: Comparison) -> Interval:
     return Interval(row.difference, math.nan, row.low, row.high)
 
@@ -408,6 +413,8 @@ def _agents(
     reference: str,
 ) -> Section:
     head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
+    pairs = sorted(zip(rows, agents.items(), strict=True), key=lambda pair: -_rank(pair[0].reward))
+    rows = [row for row, _ in pairs]
     texts = [
         [
             name,
@@ -419,7 +426,7 @@ def _agents(
             _number(row.ece),
             f"{_number(100 * row.abstained, '.1f')} %",
         ]
-        for row, (name, part) in zip(rows, agents.items(), strict=True)
+        for row, (name, part) in pairs
     ]
     # Neither cost nor ECE has a best: both are low where an agent does nothing.
     best = {
@@ -482,8 +489,8 @@ def _differences(outcomes: TrialOutcomes, reference: str) -> Iterator[Table]:
         yield {"head": [], "rows": [], "note": f"It cannot be said who is ahead. {fault}"}
         return
     cells = []
-    for columns in zip(*by_measure.values(), strict=True):
-        reward, cost, success = columns
+    paired = zip(*by_measure.values(), strict=True)
+    for reward, cost, success in sorted(paired, key=lambda row: -_rank(row[0].difference)):
         if reward.tasks:
             forms = (AMOUNT, AMOUNT, FRACTION)
             texts = [
