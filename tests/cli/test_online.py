@@ -69,6 +69,7 @@ def test_the_table_fits_and_names_the_log(run, words):
     assert "trials in logs/online-own-n1-" in result.stderr
 
 
+@pytest.mark.long
 def test_a_run_until_decided_ends_at_its_most_repeats(run, words):
     same = ("--agent", "iterative_morc,morc", "--until-decided", "--repeats", "2")
     told = json.loads(run(*words, *same, "--json").stdout)
@@ -76,6 +77,7 @@ def test_a_run_until_decided_ends_at_its_most_repeats(run, words):
     assert told["summary"][1]["area_low"] <= 0 <= told["summary"][1]["area_high"]
 
 
+@pytest.mark.long
 def test_a_second_call_computes_nothing_unless_fresh(run, words):
     words = (*words, "--agent", "bayes", "--json")
     first = run(*words)

@@ -180,7 +180,7 @@ def odd_domains():
     ]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.long
 @pytest.mark.parametrize("limit", [2, np.inf])
 @pytest.mark.parametrize("discount", [0.9, 1.0])
 def test_odd_domains(limit, discount):

@@ -152,6 +152,7 @@ def test_object_effect_makes_repeats_dependent():
     assert between(1.5) == pytest.approx(2.25, rel=5 * 0.03)
 
 
+@pytest.mark.long
 @pytest.mark.statistical
 def test_signal_moves_the_classes_apart():
     def distance(signal):

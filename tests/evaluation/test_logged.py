@@ -183,6 +183,7 @@ def test_agents_are_measured_after_a_batch_that_all_of_them_reached(online):
     assert estimate == pytest.approx(30.0)
 
 
+@pytest.mark.long
 def test_the_other_reference_changes_every_sign(online, tmp_path, cells):
     shown = {}
     for reference, other in (("bayes", "iterative_morc"), ("iterative_morc", "bayes")):

@@ -72,6 +72,7 @@ class TestRunningAgain:
         assert (steps[0], steps[-1]) == ((0, 260), (260, 260))
         assert contents(finished.folder) == before
 
+    @pytest.mark.long
     def test_more_agents_join_the_folder(self, finished):
         more = OfflineConfig("roc36", 2, 130, ("predefined", *AGENTS), seed=3)
         steps = []

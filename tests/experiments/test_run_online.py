@@ -199,6 +199,7 @@ def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(
     assert contents(run.folder) == before
 
 
+@pytest.mark.long
 def test_the_worst_test_of_a_batch_and_ten_drawn_ones_have_steps(config, finished, tmp_path):
     shown = {}
     run = run_online(replace(config, repeats=1, log="compact"), logs=tmp_path)

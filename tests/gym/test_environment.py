@@ -203,6 +203,7 @@ def test_what_was_logged_can_be_read_while_the_environment_goes_on(tmp_path):
     assert [trial.ended for trial in read_trials(log)] == ["", "", "left before the answer"]
 
 
+@pytest.mark.long
 def test_a_killed_program_leaves_every_episode_that_ended(tmp_path):
     program = """
 import os, signal, sys

@@ -80,6 +80,7 @@ def test_a_detector_of_scores_is_learned_and_is_right():
     assert sum(right) >= 15
 
 
+@pytest.mark.long
 def test_the_scale_of_the_scores_changes_nothing_learned():
     levels = []
     for scale in (1.0, 40.0):

@@ -226,6 +226,7 @@ def test_asking_until_two_answers_agree_is_what_a_simulation_gives():
         assert outcome(claim) == kind
 
 
+@pytest.mark.long
 def test_fig_7_s_last_belief_is_the_third_squared():
     low, high = fig7.twice([0.60, 0.13, 0.22, 0.05])
     # (1 - y)(1 - m) is .5986, ...: these print the third.

@@ -110,6 +110,7 @@ def test_a_family_is_judged_by_holm():
     assert alone[0]["outcome"] == STANDS
 
 
+@pytest.mark.long
 def test_no_effect_gives_few_false_outcomes_over_fig_10_s_family():
     rng = np.random.default_rng(0)
     false = 0

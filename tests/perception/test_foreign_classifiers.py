@@ -70,6 +70,7 @@ class Shared(Foreign):
         return self
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Stochastic Optimizer")  # twenty steps do not converge
 @pytest.mark.parametrize(
     "pipeline",

@@ -154,6 +154,7 @@ def grouped(momdp, query):
     )
 
 
+@pytest.mark.long
 def test_more_samples_bring_less_error():
     momdp = problem(3)
     history = History(initial_belief(momdp))

@@ -17,7 +17,7 @@ def plans_of(momdp):
     return policy, np.array(plan_values(policy.model, policy.plans, belief).scratch.value)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_few_plans_are_worth_what_all_are(seed, monkeypatch):
     momdp = problem(24, 24, seed)

@@ -146,6 +146,7 @@ def test_a_recording_holds_every_context_of_the_domain(room, sim, made):
     assert data.labels[1].tolist() == [truth[name] for name in data.domain.attributes]
 
 
+@pytest.mark.long
 def test_what_happened_counts_every_execution(made):
     happened = made[0].happened + made[1].happened
     assert happened["ready", "look", "ready"] == 4

@@ -244,7 +244,7 @@ def test_a_bomb_is_refused(size, count, said, tmp_path):
     assert said in " ".join(check_log(path).problems)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.long
 def test_a_hole_ends_the_reading(whole, tmp_path):
     data, _ = whole
     path = tmp_path / "a.mcap"

@@ -123,6 +123,7 @@ class TestCompactLogs:
         assert list(follower.poll()) == []
         assert follower.finished
 
+    @pytest.mark.long
     def test_both_forms_make_a_report_of_all_trials(self, trials, compact, tmp_path):
         write_trials(tmp_path / "b.mcap", trials, header={"seed": 4})
         joined = write_report(Logs(tmp_path), tmp_path / "r.html")
