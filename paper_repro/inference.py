@@ -20,6 +20,7 @@ from meal_bayes.evaluation import (
     paired_fractions,
 )
 from meal_bayes.evaluation.statistics import MASS
+from meal_bayes.experiments.offline import UNIT
 from meal_bayes.trials import TrialOutcomes
 
 LEVEL = 1 - MASS
@@ -164,7 +165,9 @@ def drawn_change(first: Estimate, second: Estimate) -> Estimate:
 
 
 def planned_trials(spread: float, half_width: float, level: float) -> int:
-    """Return the trials whose mean has an interval of a half width at a level.
+    """Return the trials whose mean has an interval of a half width at a level, in whole files.
+
+    Whole files of one run are those of a longer one, so that items share what they compute.
 
     Parameters
     ----------
@@ -172,10 +175,11 @@ def planned_trials(spread: float, half_width: float, level: float) -> int:
     half_width : of the interval, in the same unit.
     level : of the interval; that of the first test of its family by Holm, the smallest.
 
-    >>> planned_trials(12.87, 2.985, 0.05 / 14)
-    158
+    >>> planned_trials(12.87, 2.985, 0.05 / 14)  # 158 are enough
+    200
     """
-    return math.ceil((-float(ndtri(level / 2)) * spread / half_width) ** 2)
+    enough = (-float(ndtri(level / 2)) * spread / half_width) ** 2
+    return math.ceil(enough / UNIT) * UNIT
 
 
 def _alone(run: TrialOutcomes) -> TrialOutcomes:
