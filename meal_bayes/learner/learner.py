@@ -172,7 +172,8 @@ class Learner:
         Probability that a label is right, if you know it, for example from two people who label
         the same objects. Then base rates count a label by the probability that it is right, and an
         agent with memory believes an object's label as much. By default, base rates count every
-        label as right, and an agent with memory believes a label with probability .99.
+        label as right, and an agent with memory believes a label with probability .99. The base
+        rates of a percept table do not use it.
     horizon : float, optional
         Expected number of future questions, which determines how much exploration is worth. By
         default it is 20 more than the number of questions so far, without tests.
