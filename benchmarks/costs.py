@@ -4,6 +4,7 @@
     python benchmarks/costs.py robots [--sizes 40x5 80x5 60x60]
     python benchmarks/costs.py decisions [--sizes 5x10 8x30 12x60] [--milliseconds 1]
     python benchmarks/costs.py start [--before FOLDER]
+    python benchmarks/costs.py live [--trials 1000]
 
 `learning`: percept table and `Learner.fit` by the number of objects, recordings, behaviors or
 attributes, and the exponent: the slope of log CPU time over log size. `robots`: the first decision,
@@ -12,7 +13,9 @@ leads back to where it began, or somewhere else; two attributes are asked. `deci
 and later decisions beside their budget, by attributes x behaviors, of such diagrams of six states.
 Each size runs in a process of its own, after a small problem that loads the compiled code. `start`:
 small commands, and the demo with nothing compiled, as after an install, of this version and of
-another one. `--json`.
+another one. `live`: `bayes` begins with nothing, is asked for one attribute of a recorded object of
+ROC36 and told all of its labels, over and over; with logs and without, and its longest `tell`: CPU
+seconds of its thread, and seconds on the clock. It needs the recordings. `--json`.
 """
 
 import argparse
@@ -28,13 +31,15 @@ from typing import Any
 import numpy as np
 from measuring import ROOT, alone, cpu_seconds, options_of, peak_mb, show
 
-from meal_bayes import Learner, build_momdp, initial_belief, load_domain
+from meal_bayes import Learner, build_momdp, initial_belief, load_dataset, load_domain
 from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import build_percept_table
 from meal_bayes.planners import POMCP, Decision, History, Policy
 from meal_bayes.planners.rollout import simulate
+from meal_bayes.robots.recorded import RecordedRobot, replayable
+from meal_bayes.seeds import stream
 
 Row = dict[str, Any]
 
@@ -245,7 +250,48 @@ def start(options: argparse.Namespace) -> list[Row]:
     return rows
 
 
-PARTS = {"learning": learning, "robots": robots, "decisions": decisions, "start": start}
+def live(options: argparse.Namespace) -> list[Row]:
+    """Measure trials from nothing, with logs and without."""
+    return [live_trials(options.trials, logs) for logs in (True, False)]
+
+
+def live_trials(trials: int, logs: bool) -> Row:
+    """Ask and tell; return the CPU seconds of all, and the longest call of each kind."""
+    dataset = load_dataset("roc36")
+    domain = dataset.domain
+    longest = {"ask": 0.0, "tell": 0.0, "tell_cpu": 0.0}
+    with tempfile.TemporaryDirectory() as folder:
+        learner = Learner(domain, logs=folder if logs else None)
+        for n in range(-1, trials):  # the first one loads the compiled code
+            if n <= 0:
+                begin = time.process_time()
+            o = (n * 7) % len(dataset.objects)
+            luck = (stream(n + 1, "live", part) for part in ("order", "failures"))
+            robot = RecordedRobot(domain, o, replayable(dataset)[o], *luck, dataset)
+            clock = time.perf_counter()
+            trial = learner.ask([domain.attributes[n * 5 % len(domain.attributes)]], robot)
+            asked = time.perf_counter()
+            cpu = time.thread_time()
+            known = zip(domain.attributes, dataset.labels[o].tolist(), strict=True)
+            learner.tell(trial, {name: bool(value) for name, value in known if value >= 0})
+            if n >= 0:
+                longest["tell_cpu"] = max(longest["tell_cpu"], time.thread_time() - cpu)
+                longest["tell"] = max(longest["tell"], time.perf_counter() - asked)
+                longest["ask"] = max(longest["ask"], asked - clock)
+        learner.knowledge()  # a refit may be under way
+        seconds = time.process_time() - begin
+    return {"logs": logs, "trials": trials, "cpu_s": seconds} | {
+        f"longest_{name}_s": value for name, value in longest.items()
+    }
+
+
+PARTS = {
+    "learning": learning,
+    "robots": robots,
+    "decisions": decisions,
+    "start": start,
+    "live": live,
+}
 
 
 def main() -> None:
@@ -257,6 +303,7 @@ def main() -> None:
     parser.add_argument("--sizes", nargs="+")
     parser.add_argument("--milliseconds", type=float, default=1.0, help="a decision's budget")
     parser.add_argument("--before", type=Path, help="folder of another version")
+    parser.add_argument("--trials", type=int, default=1000, help="live ones")
     options = parser.parse_args()
     rows = PARTS[options.part](options)
     show(rows, rows if options.json else None)

@@ -14,6 +14,7 @@ import sys
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -40,6 +41,7 @@ _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
 AMOUNT = ".1f"  # format of seconds and rewards, everywhere
 FRACTION = ".3f"  # format of accuracies, in tables
 ERROR_TEXT = "± one standard error"  # what `error_text` shows, in legends
+_HELD_WARNINGS: ContextVar[list[str] | None] = ContextVar("held warnings", default=None)
 _LEVELS = {2: ("no", "yes"), 4: ("surely no", "no", "yes", "surely yes")}
 
 
@@ -201,10 +203,32 @@ def warn_user(text: str) -> None:
     From Python 3.12 on the warning names the user's own line, before that the line that called
     the function which warns.
     """
-    if sys.version_info >= (3, 12):
+    held = _HELD_WARNINGS.get()
+    if held is not None:
+        held.append(text)
+    elif sys.version_info >= (3, 12):
         warnings.warn(text, skip_file_prefixes=(_PACKAGE,))
     else:
         warnings.warn(text, stacklevel=3)
+
+
+@contextlib.contextmanager
+def holding_warnings() -> Iterator[list[str]]:
+    """Yield the texts of which `warn_user` would warn in the block, in this thread.
+
+    Filters of warnings are those of the thread that a user sees, so it is to warn of them there.
+
+    >>> with holding_warnings() as texts:
+    ...     warn_user("A person reads this later.")
+    >>> texts
+    ['A person reads this later.']
+    """
+    texts = list[str]()
+    token = _HELD_WARNINGS.set(texts)
+    try:
+        yield texts
+    finally:
+        _HELD_WARNINGS.reset(token)
 
 
 # Colors

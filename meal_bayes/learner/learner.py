@@ -1,6 +1,7 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
 import contextlib
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -50,7 +51,7 @@ from meal_bayes.learner.settings import (
 )
 from meal_bayes.learner.told import Telling, log_told, nothing_told, warn_of_typo
 from meal_bayes.learner.trial_logs import TrialLogs
-from meal_bayes.look import warn_user
+from meal_bayes.look import holding_warnings, warn_user
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.planners.solver import MAX_STEPS
@@ -65,6 +66,8 @@ from meal_bayes.trial_log.folder import ASK
 from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.text import UNFINISHED
+
+_notes = logging.getLogger("meal_bayes.learner")
 
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
@@ -119,17 +122,33 @@ class _Fits:
         self.online = []
         self._held_out = []
 
-    def update(self, rows: NDArray[np.intp], *, refit: bool, anew: bool = False) -> None:
-        """Count instances (k,) with the labels that they have now; refit, if asked, where due.
-
-        Where executions were taken back it is due, too: all is learned `anew`.
-        """
+    def update(self, rows: NDArray[np.intp]) -> None:
+        """Count instances (k,) with the labels that they have now."""
         self._held_out = []
-        for number, fit in enumerate(self.online):
-            if anew or (refit and fit.due):
-                self.online[number] = Online.refit(self.record, fit.agent, self.settings)
-            else:
+        for fit in self.online:
+            fit.update(rows)
+
+    def update_or_name_due(self, rows: NDArray[np.intp], *, anew: bool) -> list[Agent]:
+        """Count instances (k,) for agents whose refit is not due; return the others.
+
+        Where executions were taken back it is due for all: everything is learned `anew`.
+        """
+        due = [fit.agent for fit in self.online if anew or fit.due]
+        self._held_out = []
+        for fit in self.online:
+            if fit.agent not in due:
                 fit.update(rows)
+        return due
+
+    def refitted(self, agents: Sequence[Agent]) -> list[Online]:
+        """Learn everything anew for some agents. The record is read, nothing is changed."""
+        return [Online.refit(self.record, agent, self.settings) for agent in agents]
+
+    def replace(self, refitted: Sequence[Online]) -> None:
+        """Let new fits take the places of those of the same agents."""
+        for new in refitted:
+            agents = [fit.agent for fit in self.online]
+            self.online[agents.index(new.agent)] = new
 
 
 class Learner:
@@ -227,10 +246,10 @@ class Learner:
         settings = settings_of(settings, by_name, domain, chosen)
         self.domain = domain
         self.settings = settings
-        self.experience = Experience(domain)
         self.table: PerceptTable | None = None  # that is replayed
+        self._experience = Experience(domain)
         self._agent = chosen
-        self._fits = _Fits(self.experience, settings)
+        self._fits = _Fits(self._experience, settings)
         self._questions = QuestionCounts()
         self._logs = TrialLogs(logs, domain.name)
         self._lock = Lock()
@@ -244,7 +263,7 @@ class Learner:
     def __repr__(self) -> str:
         data = "a percept table"
         if self.table is None:
-            data = f"{self.experience!r}{self._joined.text(self.experience)}"
+            data = f"{self._experience!r}{self._joined.text(self._experience)}"
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
@@ -259,7 +278,27 @@ class Learner:
         knowledge = table_knowledge(table, self.agent, self.settings)
         return f"{head}{learned_html(knowledge, labels)}"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy has, here or in another process; a refit ends before."""
+        with self._lock:
+            return self.__dict__.copy()
+
     # What it knows.
+
+    @property
+    def experience(self) -> Experience:
+        """All recordings, executions and labels; while a refit runs, this waits for its end."""
+        with self._lock:
+            return self._experience
+
+    @property
+    def is_refitting(self) -> bool:
+        """Whether a refit that `tell` or `forget` started is still running.
+
+        The next call that needs what was learned waits for its end. If it failed, its error is
+        raised there.
+        """
+        return self._lock.is_busy
 
     @property
     def agent(self) -> Agent:
@@ -685,12 +724,13 @@ class Learner:
         self.record(trial if n_steps is None else replace(trial, steps=trial.steps[:n_steps]))
         if n_steps is None and trial.ended != UNFINISHED:
             with self._lock:
-                self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
+                self._fits.update(self.experience.instances_of_trial(trial.task.key))
 
     def hear_moved(self, rows: NDArray[np.intp], anew: bool) -> None:
         """Learn from new labels of k executions, and refit if enough labels are new."""
         with self._lock:
-            self._fits.update(rows, refit=True, anew=anew)
+            due = self._fits.update_or_name_due(rows, anew=anew)
+            self._fits.replace(self._fits.refitted(due))
 
     def hear_change(self, change: Change, own: Agent) -> None:
         """Repeat a logged change: a refit, another agent, or a new attribute."""
@@ -872,7 +912,7 @@ class Learner:
         """Learn from a trial: labels of an object that is recognized are known already."""
         with self._lock:
             self._under_way.discard(trial.task.key)
-            self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
+            self._fits.update(self.experience.instances_of_trial(trial.task.key))
         if not self._idle_told and is_idle(trial, training_agent(self.agent)):
             self._idle_told = True
             warn_user(IDLE.format(trial.agent))
@@ -997,8 +1037,9 @@ class Learner:
         """Learn from labels that a person gives for an object, and update the posterior at once.
 
         The estimates of how objects differ and of how errors correlate do not change until the next
-        refit. If trials are logged, labels are logged too; the labels of a trial are in a file
-        beside its log.
+        refit. If a refit is due (`refit_every`), it runs in a thread, and the next call waits for
+        its end (see `is_refitting`); the learner learns the same as if `tell` had waited. If trials
+        are logged, labels are logged too; the labels of a trial are in a file beside its log.
 
         Parameters
         ----------
@@ -1090,13 +1131,35 @@ class Learner:
     def _learn_told(self, trial: Trial | str, telling: Telling, moved: NDArray[np.intp]) -> None:
         """Learn from what was told, of instances (k,); log it, beside its trial's log if it can be.
 
-        What says nothing new is no reason to learn all anew: the logs do not say it either.
+        What says nothing new is no reason to learn all anew: the logs do not say it either. A refit
+        goes on behind the lock; logging changes nothing that it reads.
         """
         feedback = telling.feedback(self.experience)
-        self._fits.update(moved, refit=feedback is not None, anew=telling.recordings)
+        if feedback is None:
+            self._fits.update(moved)
+        else:
+            self._refit_behind(self._fits.update_or_name_due(moved, anew=telling.recordings))
         folder = self._logs.told_folder(trial)
         if folder is not None:
-            log_told(self.experience, folder, feedback)
+            log_told(self._experience, folder, feedback)
+
+    def _refit_behind(self, agents: Sequence[Agent]) -> None:
+        """Refit for agents in a thread of its own, for whose end the next call waits."""
+        if not agents:
+            return
+        _notes.info("%r refits; the next call waits for it", self)
+
+        def refit() -> tuple[list[Online], list[str]]:
+            with holding_warnings() as warned:
+                return self._fits.refitted(agents), warned
+
+        def finish(refitted: tuple[list[Online], list[str]]) -> None:
+            fits, warned = refitted
+            self._fits.replace(fits)
+            for text in warned:
+                warn_user(text)
+
+        self._lock.start_behind(refit, finish)
 
     def record(self, trial: Trial) -> None:
         """Add a trial of another learner, or from a log, to the experience.
@@ -1174,7 +1237,7 @@ class Learner:
         saved = read_learner(checked_path("The file", path), agent=agent, classifier=classifier)
         domain = saved.experience.domain
         learner = cls(domain, agent=saved.agent, settings=saved.settings, logs=logs)
-        learner.experience = saved.experience
+        learner._experience = saved.experience
         learner.table = saved.table
         learner._questions = saved.questions
         learner._file = saved.file

@@ -45,6 +45,7 @@ from meal_bayes.perception.feature_spaces import (
 from meal_bayes.perception.kernel_ridge import Map, learned_widths
 from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
+from meal_bayes.processes import turn
 
 Counts = NDArray[np.integer]  # of fine bins, `BIN_COUNT`
 Stored = NDArray[np.floating]  # log-odds, `STORED`
@@ -102,7 +103,8 @@ def fit_and_validate(
     gathered = gather(dataset, training_set, settings, spaces)
     width, _ = learned_widths(gathered.values(), settings)
     for e, recordings in gathered.items():
-        fit, nested = method_of(settings).fit(recordings.widened(width), settings)
+        with turn():
+            fit, nested = method_of(settings).fit(recordings.widened(width), settings)
         counts[:, :, e] = _count(recordings, nested, settings.levels, len(counts))
         # Worse than chance on held-out objects: further percepts are put at even odds.
         used = informative(counts[:, :, e].sum(axis=0)) | (not settings.positive_youden_only)
@@ -221,7 +223,8 @@ def _score_behavior(
     n_bins = len(BIN_EDGES) + 1
     bin_counts = np.zeros((len(names), len(groups), n_attributes, n_bins), BIN_COUNT)
     objects, starts = np.unique(recordings.objects, return_index=True)
-    with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
+    # Sums of many threads differ in their last bit from those of one.
+    with turn(), threadpool_limits(1):
         for width in np.unique(widths):
             left_out = np.flatnonzero(widths == width)
             rows = np.isin(groups[recordings.objects], names[left_out])

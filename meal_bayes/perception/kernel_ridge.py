@@ -38,6 +38,7 @@ from meal_bayes.perception.feature_spaces import (
     joint_kernel,
 )
 from meal_bayes.perception.settings import PerceptionSettings
+from meal_bayes.processes import turn
 
 NOISE = 0.15  # lambda of C = K + lambda I
 RIDGE = 0.5  # on the stackers' slopes
@@ -386,7 +387,8 @@ def _losses_of_widths(
     """
     index, recordings = piece
     total = np.zeros((len(WIDTHS), 1 + len(held)))
-    with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
+    # Sums of many threads differ in their last bit from those of one.
+    with turn(), threadpool_limits(1):
         for w, width in enumerate(WIDTHS):
             wide = recordings.widened(width)
             kernels = wide.kernels(joint=settings.joint)

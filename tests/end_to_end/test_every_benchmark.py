@@ -92,6 +92,7 @@ RUNS = (
     Run("costs", "robots --sizes 11x6"),
     Run("costs", "decisions --sizes 2x5"),
     Run("costs", "learning --task table", {"AXES": {"objects": (10, 20)}}),
+    Run("costs", "live --trials 2", DATA),
     Run("costs", "start", {"COMMANDS": {"help": ("-m", "meal_bayes", "--help")}, "DEMO": "pass"}),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
     Run("learner", "--refits 1", REFITS),
