@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from decimal import Decimal
 from functools import cache
 from numbers import Integral, Real
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Any, TypeGuard, TypeVar, get_args, get_origin
 
 import numpy as np
@@ -250,7 +250,7 @@ def check_kind(name: str, value: object, kind: type[Any]) -> None:
         raise SettingsError(f"{name} is {value!r:.60}; give a value of class {kind.__name__}.")
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any) -> Any:  # noqa: PLR0911  a kind a line
     """Return a setting in Python's own types, which JSON knows; also inside lists and tables.
 
     A number, text or truth value of numpy, an array of no axes, a fraction and a decimal number are
@@ -259,6 +259,8 @@ def plain(value: Any) -> Any:
     >>> plain({"seed": np.int64(3), "agents": (np.str_("bayes"), np.array(0.5))})
     {'seed': 3, 'agents': ('bayes', 0.5)}
     """
+    if type(value) in (str, int, float, bool, NoneType):
+        return value
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
     if isinstance(value, bool | int | float):

@@ -155,7 +155,7 @@ AHEAD: Floats = np.array([1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 
 _Z = np.linspace(-2.2, 2.2, 9)  # of J, standard deviations from its mean
 _MIDDLE = len(_Z) // 2
 _LEAST = 0.01  # rates that may be found are at least this far from 0 and 1
-_ROUNDS = 6  # of the search for a price, which grows in each
+_ROUNDS = 6  # of the search for a price, which grows in each, at most
 
 _NORMAL = np.exp(-(_Z**2) / 2) / np.exp(-(_Z**2) / 2).sum()
 
@@ -273,7 +273,10 @@ def _index(gain: Floats, moves: Floats, questions: Floats) -> Floats:
                 goes_on = pay - price[:, None] * taken > pay_now - price[:, None] * taken_now
                 pay = np.where(goes_on, pay, pay_now)
                 taken = np.where(goes_on, taken, taken_now)
+        before = price
         price = np.maximum(price, pay[:, _MIDDLE] / taken[:, _MIDDLE])
+        if (price == before).all():  # and so would all further rounds be
+            break
     return price
 
 

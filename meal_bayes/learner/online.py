@@ -29,6 +29,7 @@ from meal_bayes.learner.experience import (
     Context,
     Experience,
     Labels,
+    features_digest,
     record_step,
 )
 from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, told_of
@@ -100,6 +101,8 @@ class Online:
     policies: dict[PlanKey, tuple[MOMDP, Policy]] = field(default_factory=dict)
     plan_libraries: dict[PlanKey, POMCPPolicy] = field(default_factory=dict)
     values: dict[bytes, NDArray[np.float64]] = field(default_factory=dict)  # see `Progress`
+    # Levels (P,) of recordings that were replayed, by behavior, digest of the features, and P.
+    perceived: dict[tuple[str, int, int], Labels] = field(default_factory=dict)
 
     @classmethod
     def refit(cls, record: Experience, agent: Agent, settings: LearnerSettings) -> Self:
@@ -308,8 +311,18 @@ class Online:
     def perceive(self, instance: Instance) -> Labels:
         """Return the percept levels (P,) of what was sensed; -1 unknown.
 
-        What a detector says holds; features of another size than learned from show nothing.
+        What a detector says holds; features of another size than learned from show nothing. A
+        recording may be replayed in many trials, and is perceived once.
         """
+        if instance.recording < 0 or instance.percepts or instance.scores:
+            return self._perceived_now(instance)
+        digest = features_digest(instance.features)
+        key = (instance.behavior, digest, len(self.record.domain.attributes))
+        if key not in self.perceived:
+            self.perceived[key] = self._perceived_now(instance)
+        return self.perceived[key].copy()
+
+    def _perceived_now(self, instance: Instance) -> Labels:
         domain = self.record.domain
         n_levels = self.agent.levels
         levels = self.record.no_labels

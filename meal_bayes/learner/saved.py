@@ -380,7 +380,7 @@ def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
 
 State = dict[str, Any]  # by field
 
-_ELSEWHERE = ("record", "agent", "settings", "policies", "plan_libraries", "values")
+_ELSEWHERE = ("record", "agent", "settings", "policies", "plan_libraries", "values", "perceived")
 _FIELDS = tuple(field.name for field in fields(Online) if field.name not in _ELSEWHERE)
 _GROWING = ("levels", "counted_labels")
 
