@@ -225,7 +225,9 @@ def check_sources(
     """
     known = {**(functions or {}), **FUNCTIONS}
     if taken := sorted(name for name in functions or {} if name in FUNCTIONS):
-        raise SettingsError(f"{taken[0]!r} is a feature of the package; name your own otherwise.")
+        raise SettingsError(
+            f"{taken[0]!r} is a feature of the package; give your own feature another name."
+        )
     found = {}
     executed = [domain.behaviors[domain.behavior_index(name)] for name in behaviors]
     for modality in dict.fromkeys(name for one in executed for name in one.modalities):
@@ -294,7 +296,7 @@ class Recorder:
                 if taken and abs(time - sent - taken[0][1] + taken[0][0]) > _JUMP * _NS:
                     raise DataError("the clock jumps")  # noqa: TRY301
                 if channels != before:
-                    raise DataError(f"the channels are {channels} and were {before}")  # noqa: TRY301
+                    raise DataError(f"the number of channels changed from {before} to {channels}")  # noqa: TRY301
                 if taken and taken[0][2].shape[1:] != values.shape[1:]:
                     raise DataError("messages have several sizes")  # noqa: TRY301
                 taken.append((sent, time, values))

@@ -126,8 +126,8 @@ def lasting_path(what: str, value: object) -> Path:
         return path.absolute()
     except FileNotFoundError:
         raise SettingsError(
-            f"{what} is {str(path)!r:.300}, and the folder that this process is in is gone; give a "
-            "path that begins with /."
+            f"{what} is {str(path)!r:.300}, but the current folder of this process does not "
+            "exist any more; give a path that begins with /."
         ) from None
 
 

@@ -101,8 +101,8 @@ class Agent:
             inspect.signature(self.solver).bind("a domain", "a query")
         except (TypeError, ValueError):
             raise SettingsError(
-                f"What makes the planner of agent {self.name!r} takes domain and query; found "
-                f"{self.solver!r:.60}."
+                f"The setting `solver` of agent {self.name!r} must be a function of domain and "
+                f"query; found {self.solver!r:.60}."
             ) from None
 
     def warm_up(self, domain: Domain, query: Query) -> None:

@@ -92,7 +92,7 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     from meal_bayes.trials.text import UNFINISHED, outcome_facts
 
     if picture is None and (dark or narrow):
-        raise click.UsageError("--dark and --narrow are of a picture; give --picture FILE.svg.")
+        raise click.UsageError("--dark and --narrow only change a picture; add --picture FILE.svg.")
     group, row = numbered(file, number or 0)
     if picture is not None:
         _draw(file, group, row, picture, dark=dark, narrow=narrow)
@@ -116,7 +116,7 @@ def _draw(file: Path, group: "Group", row: int, path: Path, *, dark: bool, narro
     from meal_bayes.look import check_figure_name, save
 
     if not group.trials:
-        raise SettingsError(f"{file} holds outcomes alone; a picture needs a log with steps.")
+        raise SettingsError(f"{file} contains only outcomes; a picture needs a log with steps.")
     check_figure_name(path)
     check_output(path, inputs=[group.file])
     save(group.trials[row].plot(dark=dark, narrow=narrow), path)
@@ -133,7 +133,9 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
         if number < before + len(group.outcomes):
             return group, number - before
         before += len(group.outcomes)
-    raise SettingsError(f"{file} holds {before} whole trials; give --trial 0 to {before - 1}.")
+    raise SettingsError(
+        f"{file} contains {before} complete trials; give --trial 0 to {before - 1}."
+    )
 
 
 @log.command(short_help="Read logs to their end and list their problems.")

@@ -148,7 +148,9 @@ def named_value(name: str) -> Any:
 
     module, _, attribute = name.partition(":")
     if not module or not attribute:
-        raise SettingsError(f"{name!r} names no value; write it as package.module:name.")
+        raise SettingsError(
+            f"{name!r} does not name a Python object; write it as package.module:name."
+        )
     # A script of the user's lies in the current folder, which an installed program does not search.
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
@@ -156,8 +158,8 @@ def named_value(name: str) -> Any:
         loaded = importlib.import_module(module)
     except ImportError as fault:
         raise SettingsError(
-            f"The module of {name!r} cannot be imported ({fault}); run where it lies, or put its "
-            "folder on PYTHONPATH."
+            f"The module of {name!r} cannot be imported ({fault}); run the command in the folder "
+            "of the module, or add this folder to PYTHONPATH."
         ) from fault
     if not hasattr(loaded, attribute):
         public = [member for member in dir(loaded) if not member.startswith("_")]

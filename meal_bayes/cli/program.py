@@ -94,7 +94,7 @@ def _check_words(words: Sequence[str]) -> None:
         option = word.removesuffix("=") if word.startswith("--") and word.endswith("=") else ""
         if not word.strip() or option:
             what = option or (f"what follows {before}" if before else "the first word")
-            raise click.UsageError(f"On the command line {what} is empty; give it a value.")
+            raise click.UsageError(f"{what} is empty on the command line; give it a value.")
 
 
 def _hold_streams() -> None:

@@ -64,7 +64,9 @@ def view(
     if every and number is not None:
         raise click.UsageError("Give --trial N or --all.")
     if live and (number, save, screenshot) != (None, None, None):
-        raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
+        raise click.UsageError(
+            "--live can only be combined with --web; it shows every trial as soon as it is logged."
+        )
     if screenshot is not None and screenshot.suffix.lower() != ".png":
         raise click.UsageError(f"--screenshot {screenshot}: give a name that ends in .png.")
     from meal_bayes import viewer

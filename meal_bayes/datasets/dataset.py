@@ -148,8 +148,9 @@ class Dataset(ByValue):
         # Arrays have one R; fewer recordings of a behavior are rows of NaN at its end.
         if len({values.shape[1] for values in frozen.values()}) > 1:
             raise DataError(
-                "All contexts must have the same number of recordings of each object; fill up "
-                "with rows of NaN, or use Dataset.from_frames, which does so."
+                "All behaviors and modalities must have arrays for the same number of "
+                "recordings; fill them up with rows of NaN, or use Dataset.from_frames, which "
+                "does this."
             )
         set_frozen(self, features=frozen, recording_counts=freeze(counts, np.int64))
         for context, values in frozen.items() if not (rows_checked or self.partial) else ():
@@ -179,8 +180,8 @@ class Dataset(ByValue):
         counts = present.sum(axis=1)
         if not (present == (np.arange(values.shape[1]) < counts[:, None])).all():
             raise DataError(
-                f"Features of {context} have a recording after a row of NaN; rows of NaN stand "
-                f"for missing recordings and must come last."
+                f"Features of {context} have a recording after a row of NaN; rows of NaN mark "
+                "missing recordings and must come last."
             )
         return values, counts
 

@@ -60,7 +60,7 @@ def lowest_bins(bins: int, levels: int) -> NDArray[np.intp]:
     """
     if levels < 2 or levels % 2 or bins % levels:
         fitting = [k for k in range(2, bins + 1, 2) if bins % k == 0]
-        raise SettingsError(f"Percepts of {levels} levels; expected one of {fitting}.")
+        raise SettingsError(f"Percepts cannot have {levels} levels; expected one of {fitting}.")
     return np.arange(0, bins, bins // levels)
 
 
@@ -404,7 +404,9 @@ def _in_domain_order(
         for behavior in domain.behaviors
     ]
     if bins.size // max(bins[0, :, :, 0, 0].size, 1) * len(columns) * len(rows) > 2 * _LARGEST:
-        raise DataError(f"{len(rows)} behaviors make a table that does not fit into memory.")
+        raise DataError(
+            f"{len(rows)} behaviors need a percept table that does not fit into memory."
+        )
     padded_log_odds = np.insert(log_odds, n_sensing, np.nan, axis=2)  # (O,R,E'+1,P)
     padded_bins = np.insert(bins[:, columns], n_sensing, 0, axis=2)  # (O,P,E'+1,G,L)
     padded_counts = np.insert(counts, n_sensing, 0, axis=1)  # (O,E'+1)

@@ -311,7 +311,9 @@ def _finding(logged: LoggedOutcomes) -> list[str]:
     best, *rest = sorted(rows, key=lambda row: -row.reward)
     if not rest:
         right = f"is right in {best.accuracy:.1%} of {best.judged:,} trials"
-        return [f"{best.agent or 'The agent'} {right} and earns {best.reward:{AMOUNT}} a trial."]
+        return [
+            f"{best.agent or 'The agent'} {right}, with a mean reward of {best.reward:{AMOUNT}}."
+        ]
     try:
         others = comparisons(measured, reference=best.agent)
     except SettingsError as fault:  # tasks that do not pair
@@ -461,12 +463,13 @@ def _agents(
     tables = [*_differences(outcomes, reference), table] if len(rows) > 1 else [table]
     return {
         "title": "Who is ahead" if len(rows) > 1 else "The agent",
-        "says": "A trial is right if all its attributes are answered rightly; abstaining is not. "
-        f"The reward of a trial is the payoff of its answer less its cost. [...] is a {MASS_TEXT} "
-        f"interval, and the number after ± is one standard error; both allow for trials with the "
-        "same object being alike. The cost has its standard deviation (sd). NLL (nats) and ECE are "
-        "the negative log-likelihood and the calibration error of the final beliefs. The best "
-        "accuracy, reward and NLL are bold, unless all agents have the same.",
+        "says": "A trial is right if its answer is right for all attributes; an abstention is "
+        f"not right. The reward of a trial is the payoff of its answer minus its cost. Brackets "
+        f"contain a {MASS_TEXT} interval, and the number after ± is one standard error; both "
+        "take into account that trials with the same object are similar. The standard deviation "
+        "(sd) of the cost is in parentheses. NLL (in nats) is the negative log-likelihood of the "
+        "final beliefs, and ECE is their expected calibration error. The best accuracy, reward "
+        "and NLL are bold, unless all agents have the same value.",
         "tables": tables,
         "figures": figures,
     }
@@ -500,7 +503,7 @@ def _differences(outcomes: TrialOutcomes, reference: str) -> Iterator[Table]:
             cells.append([reward.agent, reward.verdict, f"{reward.tasks:,}", *texts])
     apart = [row.agent for row in by_measure["reward"] if not row.tasks]
     note = f"Differences from {reference} on the same tasks, with {MASS_TEXT} intervals. "
-    note += "The verdict is about the reward: costs and wrong answers lower it."
+    note += "The verdict refers to the reward, which costs and wrong answers reduce."
     if apart:
         verb = "shares" if len(apart) == 1 else "share"
         nothing = f"{_joined(apart)} {verb} no task with {reference}."

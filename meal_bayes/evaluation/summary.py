@@ -61,7 +61,10 @@ def answer_rates(trials: Trials) -> AnswerRates:
     """
     outcomes = TrialOutcomes.of(trials)
     if outcomes.attribute.shape[1] != 1:
-        raise SettingsError("Rates are of questions of yes or no; these ask for several values.")
+        raise SettingsError(
+            "Hit and false-alarm rates exist only for yes-or-no questions, but "
+            "these questions ask for several values."
+        )
     truth = outcomes.truth[outcomes.judged, 0]
     said_yes = outcomes.report[outcomes.judged, 0] == 1
     hit, alarm = (
@@ -360,7 +363,10 @@ def no_better_than_prior(outcomes: TrialOutcomes) -> str:
             level.append(f"{agent} ({gain.text(signed=True)})")
     if not level:
         return ""
-    return f"Not shown to earn more than {PRIOR}, which touches nothing: {', '.join(level)}."
+    return (
+        f"The data do not show that these agents have a higher mean reward than {PRIOR}, which "
+        f"answers without touching the object: {', '.join(level)}."
+    )
 
 
 def paired_rows(first: TrialOutcomes, second: TrialOutcomes) -> tuple[Ints, Ints]:

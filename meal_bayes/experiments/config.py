@@ -274,9 +274,9 @@ def _checked(agents: Any, seed: int, reward: float | None) -> tuple[Agent, ...]:
     for name in names:
         if names.count(name) > 1:
             raise SettingsError(
-                f"Agent {name!r} is named twice; name each once. Give two planners of one class "
-                f"different attributes `name`."
+                f"Agent {name!r} is listed twice; list each agent once. Two planners of the same "
+                "class need different attributes `name`."
             )
     if not agents_of_values:
-        raise SettingsError("No agent named; name at least one.")
+        raise SettingsError("There are no agents; give at least one.")
     return agents_of_values

@@ -175,13 +175,13 @@ class Protocol:
             parts = ([object_index(dataset.objects, name) for name in part] for part in shares)
             split = ObjectSplit(*(np.sort(part) for part in parts))
             if len(np.unique(np.concatenate(split))) < sum(map(len, split)):
-                raise SettingsError("An object is in two parts of the split; give it in one.")
+                raise SettingsError("An object is in two parts of the split; put it in one part.")
         protocol = cls(dataset, split, attributes, seed, repeat)
         for name, part in (("train", split.train), ("test", split.test)):
             if not protocol._pairs(part):
                 raise SettingsError(
                     f"No object of the {name} part has labels of {attributes} attributes; add "
-                    f"labels, or ask about fewer at a time."
+                    "labels, or ask about fewer attributes at a time."
                 )
         return protocol
 

@@ -78,8 +78,8 @@ def in_parallel(
         yield from pool(map(call, _pickled(function, pieces)))
     except BrokenExecutor as fault:
         raise SettingsError(
-            "A process died while it worked (the system ends processes when memory is short). What "
-            "is finished is kept: run the same again, with fewer jobs."
+            "A process died during its work (the system ends processes if memory is short). "
+            "Finished work is kept: run the same command again with fewer jobs."
         ) from fault
 
 
@@ -128,8 +128,8 @@ def on_cluster(address: str | None) -> Iterator[None]:
             yield
     except (CancelledError, distributed.KilledWorker, TimeoutError) as fault:
         raise SettingsError(
-            f"The cluster at {address} has ended, or its workers died ({fault}). What is finished "
-            "is kept: start the cluster again, and then the same command."
+            f"The cluster at {address} has ended, or its workers died ({fault}). Finished work "
+            "is kept: start the cluster again, and then run the same command."
         ) from fault
     finally:
         with contextlib.suppress(TimeoutError, OSError):  # where the scheduler is gone

@@ -82,8 +82,8 @@ def agent_digest(agent: Agent, key: str) -> str:
         except Exception as fault:  # whatever an object raises that has no value
             why = str(fault)
     log.warning(
-        "agent %r cannot be recognized in a later run: this run has a folder of its own, and no "
-        "earlier trial is reused (%s)",
+        "a later run cannot recognize agent %r: this run gets a new folder, and no earlier trial "
+        "is reused (%s)",
         agent.name,
         why,
     )

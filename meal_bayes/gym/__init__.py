@@ -128,7 +128,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         logs: str | Path | None = LOGS,
     ) -> None:
         if dataset is None:
-            raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
+            raise SettingsError("Give dataset=, the name of a data set or your own percept table.")
         seed = check_whole("seed", seed)
         attributes = check_whole("attributes", attributes)
         max_steps = check_whole("max_steps", max_steps)
@@ -217,7 +217,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             seed_of_task = int(self.np_random.integers(_SEEDS))
         index = check_whole("task", index)
         if index >= len(self.tasks):
-            raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
+            raise SettingsError(
+                f"The task is {index}; expected a number from 0 to {len(self.tasks) - 1}."
+            )
         task = self.tasks[index]
         learner = self._learner
         truncated = self._steps >= self._max_steps

@@ -321,7 +321,8 @@ class Learner:
             return self.fitted(self.agent).knowledge
         if object_name is None:
             raise SettingsError(
-                "Knowledge from a percept table leaves one of its objects out; give object_name=."
+                "Knowledge from a percept table is learned without one of its objects; name this "
+                "object by object_name=."
             )
         with self._lock:
             o = object_index(self.table.objects, object_name)

@@ -691,8 +691,8 @@ def _refuse_what_others_saved(path: Path, file: str) -> None:
     if content != f"the learner {file}":
         history = f"read or wrote {file} last" if file else "has read and written no file"
         raise OutputError(
-            f"{path} holds {content}, and this learner {history}: another learner was saved "
-            f"there. Load that file and add the missing labels, give another name, or call "
+            f"{path} contains {content}, and this learner {history}: another learner was saved "
+            "there. Load that file and add the missing labels, give another name, or call "
             "save(path, overwrite=True)."
         )
 
@@ -701,21 +701,21 @@ def _agent(meta: dict[str, Any], agent: object, classifier: object) -> Agent:
     """Return who decides; raise where what the file does not hold was not given again."""
     if (classifier is None) != (meta["classifier"] is None):
         raise SettingsError(
-            f"The learner perceives by {meta['classifier'] or 'our own classifiers'}; give the "
-            "same as load(path, classifier=...)."
+            f"The learner uses {meta['classifier'] or 'the default classifiers'}; pass the same "
+            "classifier by load(path, classifier=...)."
         )
     if agent is not None:
         return as_agent(agent)
     name = str(meta["agent"])
     if name not in AGENTS:
         raise SettingsError(
-            f"The learner's agent {name!r} is not one of the shipped ones; give it as "
-            "load(path, agent=...)."
+            f"The learner's agent {name!r} is not one of the package; pass it by load(path, "
+            "agent=...)."
         )
     if meta["digest"] != agent_digest(AGENTS[name]):
         raise SettingsError(
-            f"The learner's agent {name!r} is not the shipped one of that name; give it as "
-            "load(path, agent=...)."
+            f"The learner's agent {name!r} is not the agent of the package with this name; pass "
+            "it by load(path, agent=...)."
         )
     return AGENTS[name]
 

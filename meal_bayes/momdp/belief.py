@@ -427,7 +427,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         bad = momdp.query.attributes[impossible[0]]
         raise ImpossibleObservation(
             f"Percept of {bad!r} by {momdp.behavior_names[e]!r} has probability zero under every "
-            "value still believed in; give the confusion rows a prior without zeros."
+            "value that is still possible; use a prior without zeros for the confusion matrices."
         )
     return after
 

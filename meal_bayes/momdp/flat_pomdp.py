@@ -79,13 +79,14 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
     """Check that one hidden y a truth is all that a MOMDP's state needs, and that it is small."""
     if not np.isinf(momdp.precision).all() or not momdp.class_is_truth:
         raise SettingsError(
-            "A flat POMDP cannot hold rows of finite precision, or several latent classes a "
-            "truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. 8)."
+            "A flat POMDP cannot represent rows of finite precision or several latent classes "
+            "for one truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. "
+            "8)."
         )
     if momdp.bonus_runs_out:
         raise SettingsError(
-            "A flat POMDP does not count percepts, and would pay the bonus for exploring without "
-            "end; pay for all of them (bonus_limit=inf), or leave the bonus out."
+            "A flat POMDP does not count percepts, so the exploration bonus would be unlimited; "
+            "set bonus_limit=inf, or leave the bonus out."
         )
     if size > largest:
         raise SettingsError(

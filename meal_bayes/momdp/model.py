@@ -222,7 +222,9 @@ class MOMDP(ByValue):
         if self.payoffs is not None:
             Payoffs.of(self.payoffs)
             if not self.query.yes_or_no:
-                raise SettingsError("Payoffs are of yes and no, but values are asked.")
+                raise SettingsError(
+                    "Payoffs apply only to yes-or-no questions, but the question asks for values."
+                )
             if (max(self.payoffs), min(self.payoffs)) != (self.correct, self.incorrect):
                 raise SettingsError(f"{self.payoffs} need correct and incorrect as their extremes.")
 

@@ -277,13 +277,13 @@ def fit_spaces(
         if len(raw) >= _ENOUGH and not len(space.varying):
             warnings.warn(
                 f"None of the features of {context} varies (in single precision): the modality "
-                "says nothing. Check its sensor, or take a large offset away.",
+                "contains no information. Check its sensor, or subtract a large offset.",
                 stacklevel=2,  # no number in it, so that refits do not repeat it
             )
         elif _coarse(raw):
             warnings.warn(
-                f"Features of {context} vary by a few steps of single precision: most of what they "
-                "say is lost. Take their offset away before they are given.",
+                f"Features of {context} vary only by a few steps of single precision, so most of "
+                "their information is lost. Subtract their offset first.",
                 stacklevel=2,
             )
         standardized = space.standardize(values.reshape(-1, values.shape[2]))

@@ -131,7 +131,7 @@ class TableSource:
     def _of_file(cls, name: str, perception: str, root: str | Path | None) -> "TableSource":
         """Return the source of a table in a file."""
         if root is not None:
-            raise SettingsError(f"{name} is a percept table already; leave root out.")
+            raise SettingsError(f"{name} is already a percept table; leave root out.")
         content = fingerprint(name)
         table = _read(name, content)
         _check_method(table, perception, name)

@@ -82,7 +82,9 @@ def simulate(
         Fewer than two episodes.
     """
     if episodes < 2:
-        raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
+        raise SettingsError(
+            f"episodes is {episodes}; give two or more, because a standard error needs them."
+        )
     streams = rng.spawn(episodes)
     played = [_episode(momdp, policy, stream, max_steps) for stream in streams]
     return Rollouts(

@@ -135,7 +135,9 @@ def check_method(method: str, model: str) -> None:
         if name not in choices:
             raise SettingsError(unknown(kind, name, choices))
     if method == "grid" and model != "same":
-        raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
+        raise SettingsError(
+            "--model crossed needs --method pymc, because the grid method cannot fit this model."
+        )
 
 
 def arviz_groups(fit: PosteriorFit) -> dict[str, xr.Dataset]:

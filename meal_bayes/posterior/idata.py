@@ -215,11 +215,14 @@ def _percept_counts(idata: Any, names: dict[str, list[str]]) -> xr.DataArray:
             missing = fault
     if percepts is None:
         raise DataError(
-            f"The posterior comes without the percepts it was drawn from ({missing}); give "
-            "to_idata the counts (object, attribute, behavior, truth, level) as observed_data."
+            f"The posterior does not contain the percept counts from which it was computed "
+            f"({missing}); pass the counts (object, attribute, behavior, truth, level) to "
+            "to_idata as observed_data."
         )
     if not percepts.any():
-        raise DataError("The percept counts are all 0; give those that the draws come from.")
+        raise DataError(
+            "The percept counts are all 0; give the counts from which the draws were computed."
+        )
     if not ((percepts >= 0) & (percepts % 1 == 0)).all():
         raise DataError("Percept counts must be whole numbers >= 0.")
     return percepts

@@ -213,7 +213,8 @@ class _Check:
         ]
         if silent:
             raise self.fail(
-                f"{silent} never yielded a percept, although they came to where they sense.",
+                f"{silent} never yielded a percept, although they led to states in which they "
+                "yield percepts.",
                 "Return Outcome(state, {modality: numbers}) or Outcome(state, percepts={attribute: "
                 "True or False}), or take their modalities out of the domain.",
             )

@@ -15,12 +15,13 @@ from meal_bayes.planners import Decision, History, Policy
 _LEAST = 2  # executions in a row without yield, before which nothing is concluded,
 CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
 _SILENT = (
-    "{!r} yielded nothing several times in a row: it is not counted on until it does again. The "
-    "warnings of the trial's steps say what was wrong with its features, if any came."
+    "{!r} yielded nothing several times in a row. The robot does not rely on it until it "
+    "yields a percept again. If features were returned, the warnings of the trial's steps say "
+    "what was wrong with them."
 )
 _STUCK = (
-    "{!r} moved nothing several times in a row: it is not counted on until it does again. Look "
-    "whether the object is where the robot takes it to be."
+    "{!r} moved nothing several times in a row. The robot does not rely on it until "
+    "it succeeds again. Check that the object is where the robot expects it."
 )
 
 

@@ -116,9 +116,10 @@ class _Entrance:
         """Let a call in for a block; `SettingsError`, by the call's name, while one is inside."""
         if not self._held.acquire(blocking=False):
             raise SettingsError(
-                f"{name} came while another call of this session is under way, in another thread "
-                "or in a callback; it takes one at a time. Call it when that one has returned; a "
-                "callback ends the session by raising."
+                f"{name} was called while another call of this session was in progress, in "
+                "another thread or in a callback. A session accepts one call at a time: call it "
+                "after the other call has returned. A callback can end the session by raising an "
+                "exception."
             )
         try:
             yield
@@ -337,7 +338,7 @@ class Session:
             The trial has begun already.
         """
         if self.begun:
-            raise SettingsError("This trial has begun; ask again for another.")
+            raise SettingsError("This trial has begun already; begin another trial.")
         self.belief = self.belief.at(self._checker.start(state))
         self._begun = True
         self._start_x = self.belief.x
@@ -369,9 +370,12 @@ class Session:
         self._repeat_decisions()
         decision = self._decision
         if decision is None:
-            raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
+            raise SettingsError("No behavior is in progress: the trial is over, or has not begun.")
         if step is not None and step != len(self.steps):
-            raise SettingsError(f"It is of step {step}, not {len(self.steps)}: late or twice.")
+            raise SettingsError(
+                f"The outcome belongs to step {step}, but the trial is at step "
+                f"{len(self.steps)}: it came late or twice."
+            )
         self._running_part = "robot"
         action = decision.action
         execution = self._checker.execute(action, outcome)
@@ -438,7 +442,7 @@ class Session:
             The trial is over, the problem does not have the action, or the action is not legal now.
         """
         if self._ended is not None:
-            raise SettingsError("This trial is over; ask again for another.")
+            raise SettingsError("This trial is over; begin another trial.")
         if not isinstance(decision, Decision):
             raise SettingsError(f"command() takes a Decision; found {decision!r:.60}.")
         self._follow(decision)

@@ -143,7 +143,7 @@ def test_percepts_by_a_classifier_of_ones_own(run, kitchen):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("forest", "names no value; write it as package.module:name"),
+        ("forest", "does not name a Python object; write it as package.module:name"),
         ("nowhere:forest", "cannot be imported"),
         ("sklearn.naive_bayes:GausianNB", "did you mean 'GaussianNB'"),
         ("os:getcwd", "expected a scikit-learn classifier"),

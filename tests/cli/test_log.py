@@ -50,7 +50,7 @@ def test_info_and_show(run, log, fails):
     assert "heavy_blue_beans" in first
     assert "verdict    right" in first
     assert "medium_green_glass" in run("log", "show", log, "--trial", "2").stdout
-    assert "holds 3 whole trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
+    assert "contains 3 complete trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
 
 
 def test_info_has_a_line_a_question_and_each_fact_once(run):
@@ -101,7 +101,7 @@ def test_recover(run, log, torn, fails):
 
 
 def test_what_is_no_sound_log_is_told(fails, torn, log, monkeypatch):
-    assert "holds 2 whole trials" in fails("log", "show", torn, "--trial", "2")
+    assert "contains 2 complete trials" in fails("log", "show", torn, "--trial", "2")
     Path("text.mcap").write_text("hello")
     told = fails("log", "info", "text.mcap")
     assert "text.mcap" in told
@@ -125,7 +125,7 @@ def test_a_trial_is_drawn_from_its_log(run, tmp_path):
     assert Path("a.svg").read_bytes() != Path("c.svg").read_bytes()
     for words, says in (
         (("--picture", "a.gif"), "ends in .png, .pdf or .svg"),
-        (("--dark",), "--dark and --narrow are of a picture"),
+        (("--dark",), "--dark and --narrow only change a picture"),
         (("--picture", "a.mcap"), "ends in .png, .pdf or .svg"),
     ):
         told = run("log", "show", "a.mcap", *words)

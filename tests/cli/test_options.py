@@ -96,7 +96,7 @@ def test_a_table_serves_as_its_recordings_do(run, kitchen):
     [
         (("--dataset", "kitchen.toml"), "the folder of its CSV files"),
         (("--dataset", "roc36", "--root", "."), "leave root out"),
-        (("--dataset", "kitchen.npz", "--root", "."), "is a percept table already"),
+        (("--dataset", "kitchen.npz", "--root", "."), "is already a percept table"),
     ],
 )
 def test_what_does_not_go_together_is_told(fails, table, command, options, message):

@@ -91,7 +91,7 @@ def test_usage_errors_point_to_the_help(fails, arguments, message):
     [
         ((*ASK, "--dataset", "toy"), "give the path of its TOML"),
         ((*ASK, "--dataset", "none.npz"), "No file none.npz"),
-        (("run", "offline", "--agent", "greedy,greedy"), "named twice"),
+        (("run", "offline", "--agent", "greedy,greedy"), "listed twice"),
         (("run", "offline", "--attributes", "11"), "give a number from 1 to 10"),
         (("data", "fetch", "rock36"), "did you mean 'roc36'"),
         (("log", "info", "none.mcap"), "no log none.mcap"),

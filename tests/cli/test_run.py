@@ -48,7 +48,7 @@ def test_the_table_fits_and_names_the_log(run):
 
 def test_agents_are_held_against_answering_untouched(run, table):
     text = run("run", "offline", "--trials", "40", "--agent", "prior,random").stdout
-    assert "Not shown to earn more than prior, which touches nothing: random (" in text
+    assert "than prior, which answers without touching the object: random (" in text
 
 
 def test_agents_are_compared_with_the_papers(run, table):

@@ -124,12 +124,12 @@ def test_a_picture_shows_the_last_behavior(run, log, trials, monkeypatch):
 
 
 def test_what_cannot_be_is_one_line(run, log, fails, monkeypatch):
-    assert "holds 3 whole trials; give --trial 0 to 2" in fails("view", log, "--trial", "3",
+    assert "contains 3 complete trials; give --trial 0 to 2" in fails("view", log, "--trial", "3",
                                                           "--save", "a.rrd")  # fmt: skip
     assert "ends in .png" in fails("view", log, "--screenshot", "a.gif")
     assert "ends in .rrd" in fails("view", log, "--save", "a.txt")
     assert "no log none.mcap" in fails("view", "none.mcap")
     assert "one of --save" in fails("view", log, "--save", "a.rrd", "--web")
-    assert "--live goes with --web" in fails("view", log, "--live", "--trial", "0")
+    assert "combined with --web" in fails("view", log, "--live", "--trial", "0")
     monkeypatch.setattr(viewer_window.importlib.util, "find_spec", lambda name: None)
     assert "rerun-sdk" in fails("view", log)

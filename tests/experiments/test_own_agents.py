@@ -79,7 +79,7 @@ def test_online_runs_take_them_too(own_data, module, tmp_path, contents):
 
 def test_two_planners_of_one_class_are_told_apart_by_their_names(module):
     first, second = (module(looks).Looker() for looks in (1, 2))
-    with pytest.raises(SettingsError, match=r"named twice.*attributes `name`"):
+    with pytest.raises(SettingsError, match=r"listed twice.*attributes `name`"):
         OfflineConfig("roc36", agents=(first, second))
     second.name = "two looks"
     config = OfflineConfig("roc36", agents=(first, second))

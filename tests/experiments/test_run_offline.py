@@ -158,8 +158,8 @@ def test_model_percepts_and_rewards_reach_the_trials(tmp_path):
     ("wrong", "message"),
     [
         ({"agents": ("bayes", "bayess")}, "did you mean 'bayes'"),
-        ({"agents": ("bayes", "bayes")}, "named twice"),
-        ({"agents": ()}, "No agent named"),
+        ({"agents": ("bayes", "bayes")}, "listed twice"),
+        ({"agents": ()}, "no agents"),
         ({"seed": -1}, "seed is -1"),
         ({"seed": 1.5}, "seed is 1.5; give a whole number"),
         ({"reward": float("nan")}, "reward is nan"),

@@ -282,7 +282,7 @@ def die(piece):
 
 @pytest.mark.long
 def test_a_process_that_dies_is_one_clear_error():
-    with pytest.raises(SettingsError, match="A process died while it worked"):
+    with pytest.raises(SettingsError, match="A process died during its work"):
         list(in_parallel(die, range(2), jobs=2))
 
 

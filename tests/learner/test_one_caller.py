@@ -86,7 +86,7 @@ def learner(dataset, make, tmp_path):
 def check_refused(watcher, name):
     (error,) = watcher.happened
     assert isinstance(error, SettingsError)
-    assert "takes one at a time" in str(error)
+    assert "accepts one call at a time" in str(error)
     assert str(error).lower().startswith(name)
 
 
@@ -123,7 +123,7 @@ def test_an_error_of_its_block_is_told_though_another_call_is_inside(unlogged, w
     session.observe(SEEN)
     (error,) = watcher.happened
     assert str(error) == "of the block"
-    assert "takes one at a time" in error.__notes__[0]
+    assert "accepts one call at a time" in error.__notes__[0]
     assert session.behavior == "look"
 
 

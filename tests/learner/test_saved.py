@@ -110,7 +110,7 @@ def test_a_percept_table_comes_back(tmp_path):
 
 
 def test_an_agent_of_one_s_own_is_given_again(saved):
-    with pytest.raises(SettingsError, match=r"'script' is not one of the shipped"):
+    with pytest.raises(SettingsError, match=r"'script' is not one of the package"):
         Learner.load(saved, logs=None)
 
 

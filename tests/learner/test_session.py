@@ -106,7 +106,7 @@ def test_a_cancelled_session_is_logged_without_a_report(learner, make, tmp_path)
     (trial,) = read_trials(path)
     assert (trial.ended, trial.report, len(trial.steps)) == ("cancelled", None, 1)
     assert session.behavior is None
-    with pytest.raises(SettingsError, match="No behavior is under way"):
+    with pytest.raises(SettingsError, match="No behavior is in progress"):
         session.observe(Outcome("table"))
 
 

@@ -98,7 +98,7 @@ class TestRefusals:
 
     def test_rewards_without_end(self, small):
         momdp = small.toy(0, 1, 2, finite=False, objective=Objective(discount=1.0))
-        with pytest.raises(SettingsError, match="without end"):
+        with pytest.raises(SettingsError, match="infinite"):
             solve(replace(momdp, bonus=np.full((1, 3, 2), 50.0)))
 
     @pytest.mark.parametrize("settings", [{"points": 0}, {"tolerance": 0.0}, {"work": 0.0}])

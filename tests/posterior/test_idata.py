@@ -192,7 +192,7 @@ def test_what_is_no_posterior_is_told(fitted):
     domain, counts, draws = fitted
     with pytest.raises(DataError, match="holds no posterior of confusion matrices"):
         posterior_from({}, domain)
-    with pytest.raises(DataError, match="without the percepts it was drawn from"):
+    with pytest.raises(DataError, match="does not contain the percept counts"):
         posterior_from(idata.to_idata(draws), domain)
     part = grouped(counts[:, :1, :2], draws.sel(attribute=["red"]))
     with pytest.raises(DataError, match="Unknown attribute 'heavy'"):

@@ -37,7 +37,9 @@ class OpenLoop:
     def __post_init__(self) -> None:
         plain_fields(self)
         if self.samples < 2:
-            raise SettingsError(f"OpenLoop: samples is {self.samples}; a mean needs two or more.")
+            raise SettingsError(
+                f"OpenLoop: samples is {self.samples}; give two or more, because values are means."
+            )
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
         """Build the plan library; nothing in it is random."""

@@ -111,9 +111,9 @@ class Factored:
         """
         if momdp.joint is not None:
             raise SettingsError(
-                "Factored value iteration needs attributes that are independent a priori, but the "
-                "training objects couple some of those asked; plan with POMCP or OpenLoop, or give "
-                "the agent co_occurrence=False."
+                "Factored value iteration needs attributes that are independent a priori, but "
+                "some of the queried attributes are coupled in the labels; plan with POMCP or "
+                "OpenLoop, or use an agent with co_occurrence=False."
             )
         exact = np.isinf(momdp.precision).all() and momdp.class_is_truth
         if not exact or momdp.query.groups:
@@ -124,8 +124,8 @@ class Factored:
             )
         if momdp.bonus_runs_out:
             raise SettingsError(
-                "Factored value iteration does not count percepts, and would pay the bonus for "
-                "exploring without end; plan with POMCP or OpenLoop."
+                "Factored value iteration does not count percepts, so the exploration bonus "
+                "would be unlimited; plan with POMCP or OpenLoop."
             )
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
@@ -349,8 +349,8 @@ class _ValueIteration:
         lasting = leak > 0
         if (pay[~lasting] > 0).any():
             raise SettingsError(
-                "Undiscounted, behaviors that are shaped to pay more than they cost promise "
-                "without end; plan with a discount below 1, or with POMCP."
+                "Without a discount, the value of behaviors whose bonus exceeds their cost is "
+                "infinite; plan with a discount below 1, or with POMCP."
             )
         return float(max(best, (pay[lasting] / leak[lasting]).max(initial=-np.inf)))
 
