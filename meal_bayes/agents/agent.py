@@ -35,15 +35,15 @@ class Agent:
     solver : Callable[[Domain, Query], Solver]
         Function that makes the planner for a query.
     object_level : bool
-        Whether each object has its own confusion matrices (finite precision). Otherwise all objects
-        share one, as in the paper's Eq. 8.
+        Whether each object has its own confusion matrices (finite precision). If False, all objects
+        have the same confusion matrices, as in the paper's Eq. 8.
     shared_trait : bool
         Whether classifier errors about one object may be correlated.
     base_rates : bool
         Whether the prior belief is learned from the training objects; otherwise it is uniform.
     co_occurrence : bool
-        Whether a prior with base rates also models that attributes exclude or imply each other.
-        Otherwise attributes are independent a priori, except for the values of a group.
+        Whether a prior with base rates also models that attributes exclude or imply each other. If
+        False, attributes are independent a priori, except for the values of a group.
     levels : int
         Number K of levels of the agent's percepts, from no to yes.
     abstain : bool
@@ -52,8 +52,8 @@ class Agent:
         Discount factor of a step, used in planning only. With 1, the agent plans for the
         undiscounted reward, which results report.
     observation_model : ObservationModel | None
-        Your own observation model. It is a function of the knowledge and the positions of the N
-        queried attributes that returns `confusion` (N,E,C,K), `precision` (N,E,C) and
+        Your own observation model. The model is a function of the knowledge and the positions of
+        the N queried attributes that returns `confusion` (N,E,C,K), `precision` (N,E,C) and
         `latent_classes` (N,2,C); the last may be None if the truth is the latent class (see
         `build_momdp`). By default the settings above determine the model.
     exploration : ExplorationBonus

@@ -213,7 +213,7 @@ class Dataset(ByValue):
             (O,P). An attribute is labeled 1 or True, 0 or False, and a group by the name of its
             value. An empty entry, -1, None or NaN means unknown.
         objects : Sequence[str] | None
-            (O,) names of the objects. They are required for arrays; by default they come from the
+            (O,) names of the objects. Names are required for arrays; by default they come from the
             labels.
 
         Raises

@@ -134,8 +134,8 @@ class PerceptTable(ByValue):
         (L-1,) edges of the bins; the middle edge is the threshold between no and yes.
     training_bins : NDArray[np.uint8]
         (G,O,P,E,L) number of percepts in each bin. Entry [g, o] counts percepts of object o by
-        classifiers that were trained without o and without the objects of group g. It is zero if o
-        belongs to g.
+        classifiers that were trained without o and without the objects of group g. The entry is
+        zero if o belongs to g.
     provenance : Mapping[str, str]
         Versions, settings, checksums and the command that made the table.
     recording_counts : NDArray[np.int64]
@@ -241,7 +241,8 @@ class PerceptTable(ByValue):
 def save_percepts(table: PerceptTable, path: str | Path) -> None:
     """Write a percept table as an .npz file, which `numpy.load` can open too.
 
-    The file is compressed by LZMA. It also contains the domain, unless this is a shipped one.
+    The file is compressed by LZMA. The file also contains the domain, unless the package contains
+    this domain.
 
     Raises
     ------

@@ -158,7 +158,7 @@ class OnlineConfig:
     alpha, beta : float | None
         Weights of Eq. 11 for the agent `morc_itrs`; by default its own.
     answers : str
-        What people say after a training trial. With "verdict", they say whether the report was
+        What people say after a training trial. With "verdict", people say whether the report was
         right. With "joint", this verdict about the whole report becomes the label of each
         attribute, as in the authors' code.
     learning : tuple[tuple[str, Any], ...]

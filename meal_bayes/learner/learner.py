@@ -171,13 +171,13 @@ class Learner:
         A scikit-learn classifier that replaces the default classifier; see
         `meal_bayes.perception.with_classifier`.
     posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
-        Posterior of the confusion matrices that replaces the one that `fit` learns. It must not be
-        learned from the objects about which you ask.
+        Posterior of the confusion matrices that replaces the one that `fit` learns. The posterior
+        must not be learned from the objects about which you ask.
     reward : float, optional
         Reward of a right report; a wrong report gets its negative. The domain's by default.
     payoffs : Sequence[float], optional
-        Rewards of a right yes, a wrong yes, a right no and a wrong no. They apply to yes-or-no
-        questions that have no payoffs of their own. The domain's by default.
+        Rewards of a right yes, a wrong yes, a right no and a wrong no. These payoffs apply to
+        yes-or-no questions that have no payoffs of their own. The domain's payoffs are the default.
     percepts : str
         Source of the percepts in replays: "recorded", or "model" to draw them from the learned
         confusion matrices.
@@ -424,7 +424,7 @@ class Learner:
             Rewards of a right yes, a wrong yes, a right no and a wrong no. The learner's by
             default.
         learn : bool
-            Whether the robot explores and learns from the trial. Otherwise the trial is a test;
+            Whether the robot explores and learns from the trial. If False, the trial is a test;
             replays of a percept table always are tests.
         log : str or Path, optional
             File for the log of the trial (.mcap). By default it is a new file in the folder of

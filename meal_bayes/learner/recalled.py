@@ -27,9 +27,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
 
     The logs contain the executed behaviors, their success, the features and percepts, and the
     labels that people gave. The learner learns from trials and labels in the order of their times.
-    It refits at the same points as the learner that wrote the logs, so that both get exactly the
-    same result. If the name of a log does not contain a time, the learner refits at the end
-    instead.
+    The learner refits at the same points as the learner that wrote the logs, so that both get
+    exactly the same result. If the name of a log does not contain a time, the learner refits at the
+    end instead.
 
     A logged change of the agent is repeated if the new agent is one of the package or known to this
     learner. A learner that began with another agent than the logged one keeps its agent. Attributes
@@ -38,8 +38,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     `Learner.resume` can continue the trial.
 
     Three kinds of trials are skipped: tests, trials that the learner has already, and trials
-    without features whose percepts have other levels than those of the agent. Their labels are
-    still learned or removed, if the learner has not done so yet. A warning names damaged logs.
+    without features whose percepts have other levels than those of the agent. Labels of skipped
+    trials are still learned or removed, if the learner has not done so yet. A warning names damaged
+    logs.
 
     Parameters
     ----------

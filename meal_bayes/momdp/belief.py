@@ -180,8 +180,8 @@ class Belief(FrozenArrays):
     groups : tuple[tuple[int, ...], ...]
         Indices of attributes of which exactly one is true, as in the query.
     joint_table : NDArray[np.float64] | None
-        (Y,) probability of each combination of values if the prior is a joint distribution. Its
-        marginals are then `log_odds`. Otherwise None.
+        (Y,) probability of each combination of values if the prior is a joint distribution.
+        `log_odds` then are the marginals of this table. None if attributes are independent.
 
     Examples
     --------

@@ -104,9 +104,9 @@ class MOMDP(ByValue):
     """The decision problem of one question (a MOMDP), as arrays.
 
     Actions are numbered: first the E behaviors, then the Y reports (2^N, or fewer if attributes are
-    values of one group), then the answer "I do not know" if the agent may abstain. This answer ends
-    the trial with reward 0. Arrays have entries for behaviors only, because every answer leads to
-    the terminal state `term`.
+    values of one group), then the answer "I do not know" if the agent may abstain. "I do not know"
+    ends the trial with reward 0. Arrays have entries for behaviors only, because every answer leads
+    to the terminal state `term`.
 
     A percept is the output of a classifier for one attribute; its values are the K levels from no
     to yes. With infinite precision, percepts follow the paper's Eq. 8. With finite precision, every

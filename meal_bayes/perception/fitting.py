@@ -147,8 +147,8 @@ def build_percept_table(
     progress : Callable[[int, int], None] | None
         Called with the number of behaviors done and the number of all behaviors.
     map_behaviors : Map
-        Function that applies a function to all behaviors, possibly in parallel. It may return
-        results in any order.
+        Function that applies a function to all behaviors, possibly in parallel. This function may
+        return results in any order.
 
     Examples
     --------

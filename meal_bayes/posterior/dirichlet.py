@@ -39,8 +39,8 @@ class ConfusionPosterior(ByValue):
         row.
     given_prior : NDArray[np.float64] | None
         (P,E,2,K) prior Dirichlet parameters of the mean rows of pairs whose percepts come from the
-        robot's own detector; see `posterior.given`. They are zero for all other pairs. None if no
-        pair has a detector.
+        robot's own detector; see `posterior.given`. The parameters are zero for all other pairs.
+        None if no pair has a detector.
     telling : NDArray[np.float64] | None
         (P,E) probability that percepts of the pair carry information about the attribute; see
         `posterior.spike`. A pair without information has the same row for both truths. None if all
@@ -126,8 +126,8 @@ class ConfusionPosterior(ByValue):
             prior for each behavior and truth is learned from the counts of all attributes, together
             with the probability that each pair is informative.
         given : NDArray[np.bool_], optional
-            (P,E) whether percepts of the pair come from the robot's own detector. Such pairs are
-            treated as informative, whatever `prior` is.
+            (P,E) whether percepts of the pair come from the robot's own detector. Pairs with a
+            detector are treated as informative, whatever `prior` is.
         """
         total = np.asarray(counts).sum(axis=0)
         alpha = None if prior is None else _prior(prior, total.shape)
@@ -186,9 +186,9 @@ class ConfusionPosterior(ByValue):
     def precision(self) -> NDArray[np.float64]:
         """Dirichlet precision (P,E,2) of the row of a new object, s A / (s + A + 1).
 
-        It matches the variance of the row, which has two sources: objects differ (dispersion s),
-        and the mean row is estimated (weight A). It equals A if s is infinite, and s if A is
-        infinite.
+        This precision gives the variance of the row, which has two sources: objects differ
+        (dispersion s), and the mean row is estimated (weight A). The precision is A if s is
+        infinite, and s if A is infinite.
         """
         return freeze(_precision(self.concentration, self.dispersion))
 

@@ -33,8 +33,8 @@ class Outcome(ByValue):
     Attributes
     ----------
     state : str
-        Name of the observed state after the behavior, one of the domain's states. It is never
-        "term", because only an answer leads to this state.
+        Name of the observed state after the behavior, one of the domain's states. The state is
+        never "term", because only an answer leads to "term".
     features : Mapping[str, ArrayLike] | None
         Feature vector (D,) of each modality of the behavior; None if the behavior failed or has no
         modalities.

@@ -179,8 +179,8 @@ class Session:
         The true attributes, see `truth_of`. The truth is only compared with the report; policy and
         belief do not use it.
     counts : NDArray[np.float64] | None
-        (N,E,2,K) counts of the labeled percepts from which the MOMDP was learned. They are recorded
-        but not used; see `Trial`.
+        (N,E,2,K) counts of the labeled percepts from which the MOMDP was learned. The counts are
+        recorded but not used; see `Trial`.
     max_steps : int
         Maximum number of behaviors. After them, the session gives the best answer.
     max_cost : float | None

@@ -70,7 +70,7 @@ class POMCP:
         executes the best open-loop plan.
     exploration : float
         Exploration constant c of UCB1, as a fraction of the difference between the rewards of a
-        right and a wrong report. It is 0 if a table gives the values of leaves.
+        right and a wrong report. The search uses 0 instead if a table gives the values of leaves.
     capacity : int
         Maximum number of nodes of a tree; the search ends when they are used up.
     points : int
