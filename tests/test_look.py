@@ -250,6 +250,7 @@ def test_pictures_do_not_depend_on_a_notebook_s_backend_or_a_user_s_matplotlibrc
         assert drawn[0] == drawn[1]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("backend", ["nonsense", "agg", ""])
 def test_a_picture_in_a_user_s_program_does_not_depend_on_the_backend(backend):
     """Nor does a bad one go on behind it; a good one is what the user's own figures have."""

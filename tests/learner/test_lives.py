@@ -18,7 +18,7 @@ from meal_bayes.learner import recall
 
 TRIALS = 7
 _EXAMPLES = settings.default.max_examples
-LIVES = _EXAMPLES if _EXAMPLES > 20 else 5  # of the quick profile few: each takes a second
+LIVES = _EXAMPLES if _EXAMPLES > 20 else 3  # of the quick profile few: each takes a second
 PLAN = ("look", "lift", "reset", "look")
 
 

@@ -130,7 +130,7 @@ DOORS = {
 }
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("door", DOORS)
 @pytest.mark.parametrize("steps", [0, 2])
 def test_a_trial_that_is_not_over_is_shown_as_far_as_it_went(dataset, make, tmp_path, door, steps):

@@ -80,6 +80,7 @@ def test_peers_draw_from_the_problem(name):
             assert (abs(counts / DRAWS - expected) <= 5 * error + 2 / DRAWS).all()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.statistical
 @pytest.mark.parametrize("name", ["A2", "random2-3"])
 def test_steps_are_drawn_from_the_problem(name):

@@ -201,6 +201,7 @@ def sequence_probabilities(momdp, belief, behaviors):
     return np.reshape(out, (len(momdp.query), -1))
 
 
+@pytest.mark.quick(6)
 @pytest.mark.statistical
 @pytest.mark.parametrize("precision", [1.0, 5.0, np.inf])
 @pytest.mark.parametrize("options", [{}, {"shared": 3}])
