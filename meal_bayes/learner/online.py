@@ -9,6 +9,7 @@ objects that no classifier has seen. What a trial shows is perceived, and record
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import astuple, dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
@@ -322,6 +323,11 @@ class Online:
             self.perceived[key] = self._perceived_now(instance)
         return self.perceived[key].copy()
 
+    @cached_property
+    def _known(self) -> Query:
+        """All attributes that classifiers know; others may have been added since."""
+        return Query(self.perception.domain.attributes)
+
     def _perceived_now(self, instance: Instance) -> Labels:
         domain = self.record.domain
         n_levels = self.agent.levels
@@ -333,9 +339,10 @@ class Online:
             if len(values) == expected.get((instance.behavior, modality), len(values))
         }
         if fitted:
-            of_all = Query(self.perception.domain.attributes)  # others may have been added since
-            log_odds = self.perception.log_odds(replace(instance, features=fitted), of_all)
+            log_odds = self.perception.log_odds(replace(instance, features=fitted), self._known)
             levels[: len(log_odds)] = classifier_levels(log_odds, n_levels)
+        if not (instance.percepts or instance.scores):
+            return levels
         detected = detected_levels(instance.percepts, domain, n_levels)
         scores = scores_of(instance.scores, domain)
         known = len(self.edges)  # attributes may have been added since, of which nothing is cut
@@ -509,8 +516,7 @@ class RecordingPerceiver:
                 return self._drawn.observe(instance, query, rng)
             levels = fit.perceive(instance)
         else:
-            known = Query(fit.perception.domain.attributes)
-            levels = fit.perception.observe(instance, known, rng)
+            levels = fit.perception.observe(instance, fit._known, rng)
         self._last = instance, levels
         if self._drawn is not None:  # of the learned tables, not those that came
             return self._drawn.observe(instance, query, rng)
