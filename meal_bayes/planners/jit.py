@@ -35,7 +35,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
 from numba import _dynfunc, njit
 from numba.core import cgutils, event, types
 from numba.core.codegen import JITCodeLibrary
@@ -85,6 +84,12 @@ class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        # Once: the pass that numba makes before only helps to remove counts of references.
+        manager = self._codegen._module_pass_manager()
+        passes, *settings = manager if isinstance(manager, tuple) else (manager,)  # numba < .62
+        passes.run(self._final_module, *settings)
 
     def add_ir_module(self, ir_module: Any) -> None:
         # What is not inlined by its decorator is called. What Python calls must be: it reads for
@@ -260,14 +265,7 @@ def _read_field(context: Any, builder: Any, reference: Reference, value: Any, na
     pointer = cgutils.gep_inbounds(builder, value, 0, place)
     if isinstance(field, types.BaseNamedTuple):
         return pointer
-    before = len(builder.block.instructions)
-    read = context.data_model_manager[field].load_from_data_pointer(builder, pointer)
-    # Where arrays lie does not change while kernels write into them.
-    constant = builder.module.add_metadata([])
-    for instruction in builder.block.instructions[before:]:
-        if isinstance(instruction, ir.LoadInstr):
-            instruction.set_metadata("invariant.load", constant)
-    return read
+    return context.data_model_manager[field].load_from_data_pointer(builder, pointer)
 
 
 class Compiling(NamedTuple):

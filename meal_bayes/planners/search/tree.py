@@ -232,7 +232,9 @@ def condition(percepts, evidence, percept, prob, out):
     i, e, z = percept
     # Pr(c | z) ~ Pr(c) (s c_z + n_z) / (s + n)
     count = evidence.counts[i, e, z]
-    total = evidence.counts[i, e].sum()
+    total = 0.0
+    for other in range(evidence.counts.shape[2]):
+        total += evidence.counts[i, e, other]
     prob_level = 0.0
     for c in range(prob.shape[1]):
         mean = percepts.rows[i, e, c, z]
