@@ -34,6 +34,7 @@ import numpy as np
 from knowing_little import first_objects, replayed
 from measuring import options_of, show
 from numpy.typing import NDArray
+from rollout import simulate
 
 from meal_bayes import Learner, load_dataset
 from meal_bayes.agents import knowledge_without, load_agent
@@ -51,7 +52,6 @@ from meal_bayes.evaluation.statistics import clustered, resampled
 from meal_bayes.experiments import askable
 from meal_bayes.experiments.offline import offline_tasks
 from meal_bayes.perception.confusion import by_truth, youden
-from meal_bayes.planners.rollout import simulate
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
 from meal_bayes.posterior.trait import learn_trait, truth_evidence

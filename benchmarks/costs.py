@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 from measuring import ROOT, alone, cpu_seconds, options_of, peak_mb, show
+from rollout import simulate
 
 from meal_bayes import Learner, build_momdp, initial_belief, load_dataset, load_domain
 from meal_bayes.datasets import Dataset, make_synthetic
@@ -37,7 +38,6 @@ from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import build_percept_table
 from meal_bayes.planners import POMCP, Decision, History, Policy
-from meal_bayes.planners.rollout import simulate
 from meal_bayes.robots.recorded import RecordedRobot, replayable
 from meal_bayes.seeds import stream
 

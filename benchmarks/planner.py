@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 from planner_bound import restrict, upper_bound
 from planner_models import LARGE, MODELS, attributes_of, momdp_of, names_of
 from planner_policies import PEERS, PLANNERS, TABLED, Planner, planners_for, solver_of
+from rollout import Rollouts, simulate
 
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import History, OpenLoop, Policy, warm_up
-from meal_bayes.planners.rollout import Rollouts, simulate
 from meal_bayes.planners.table.policy import Factored
 from meal_bayes.seeds import stream
 

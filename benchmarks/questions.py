@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from measuring import options_of, show
 from planner_models import momdp_of
+from rollout import simulate
 
 from meal_bayes import Learner, build_percept_table, load_percepts
 from meal_bayes.agents import load_agent
@@ -34,7 +35,6 @@ from meal_bayes.evaluation import clustered
 from meal_bayes.experiments import askable
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.planners import POMCP, Factored, OpenLoop
-from meal_bayes.planners.rollout import simulate
 from meal_bayes.trials import Task
 
 SIZES = range(2, 7)  # values of the synthetic groups

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rollout import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, build_momdp, flatten, initial_belief, write_pomdp
 from meal_bayes.planners import POMCP, Factored, Greedy, History, OpenLoop
-from meal_bayes.planners.rollout import simulate
 
 RNG = np.random.default_rng(0)  # of solvers that draw nothing
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from planner_bound import upper_bound
 from planner_models import load_reference
+from rollout import simulate
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, add_itrs_bonus, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, Factored, History, batched_value_iteration
-from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.search import policy as pomcp
 from meal_bayes.planners.table import policy as factored
 from meal_bayes.planners.table.sweep import sweep

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rollout import simulate
 
 from meal_bayes.domain import Event, Query, domain_from_table
 from meal_bayes.errors import SettingsError
@@ -17,7 +18,6 @@ from meal_bayes.momdp import (
     with_joint_prior,
 )
 from meal_bayes.planners import POMCP, Greedy, History, OpenLoop
-from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.table.policy import Factored
 
 LEVELS = 2

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 from planner_models import REFERENCE, load_reference
+from rollout import simulate
 
 from meal_bayes.planners import Factored, OpenLoop
-from meal_bayes.planners.rollout import simulate
 
 SARSOP = json.loads(REFERENCE.read_text(encoding="utf-8"))["sarsop_bounds"]
 ERRORS = 5  # standard errors that a simulated value may lie above a bound

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from peer_tables import PeerTables, Steps
 from planner_models import build_model, momdp_of
+from rollout import simulate
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.flat_pomdp import flatten
-from meal_bayes.planners.rollout import simulate
 
 DRAWS = 1500
 SIMULATIONS = 1000  # a decision

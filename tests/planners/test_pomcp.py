@@ -5,11 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from rollout import simulate
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.momdp import Objective, Transition, initial_belief, report_value, update_belief
 from meal_bayes.planners import POMCP, History
-from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.search import policy as pomcp
 
 PROBLEMS = {

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rollout import simulate
 
 from meal_bayes.momdp import Objective
 from meal_bayes.planners import POMCP, Factored, Greedy, History, OpenLoop
-from meal_bayes.planners.rollout import simulate
 
 
 @pytest.mark.parametrize("n", [1, 2, pytest.param(3, marks=pytest.mark.long)])
