@@ -103,7 +103,7 @@ class _Asking(TypedDict):
 @click.command(short_help="Ask about one object.")
 @click.argument("question")
 @opt.shared("dataset", "root")
-@click.option("--object", required=True, metavar="NAME", help="The object asked about.")
+@click.option("--object", required=True, metavar="NAME", help="Name of the object in the question.")
 @opt.option("--agent", None, "bayes", "NAME", f"Agent that answers: {opt.AGENTS}; or {opt.OWN}.")
 @opt.shared("yes_no", "payoffs")
 @click.option(
@@ -117,9 +117,9 @@ def ask(
 ) -> None:
     """Answer a question about an object, such as "Is it heavy, and does it hold beans?".
 
-    The agent has learned from all other objects of the data set, never from this one; percepts are
-    classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
-    keeps the labels that it gets of an object, in logs beside the others.
+    The agent has learned from all other objects of the data set, but not from this one. Percepts
+    are the outputs of classifiers for the robot's recordings of the object. The trial is logged.
+    With --learn, the command asks you whether the answer was right, and logs the labels.
     """
     from meal_bayes.cli.narration import note_reasons, print_answer, trial_json
     from meal_bayes.trial_log import Feedback

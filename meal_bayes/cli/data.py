@@ -112,7 +112,8 @@ def verify(dataset: str) -> None:
     None,
     None,
     "MODULE:NAME",
-    "A scikit-learn classifier in place of ours: sklearn.ensemble:RandomForestClassifier, or an "
+    "A scikit-learn classifier that replaces those of the package: "
+    "sklearn.ensemble:RandomForestClassifier, or an "
     "instance in a module of your own.",
 )
 @opt.shared("root")

@@ -30,9 +30,9 @@ class _Finding(TypedDict):
 def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Finding]) -> None:
     """Find the object for which the answer is yes ("Which one is heavy and blue?"), or none.
 
-    The agent asks about one object after another, the most probable first, until one answer is
-    yes. It has learned from all other objects of the data set. A folder holds a log of each
-    trial.
+    The agent asks about one object after another, the most probable first, until one answer is yes.
+    The agent has learned from all other objects of the data set. The logs of the trials are written
+    into one folder.
     """
     from meal_bayes.cli.narration import VERDICT_STYLES, note_reasons, trial_json
     from meal_bayes.files import check_folder, file_name

@@ -84,8 +84,8 @@ def info(file: Path, as_json: bool) -> None:
 def show(file: Path, number: int | None, picture: Path | None, dark: bool, narrow: bool) -> None:
     """Show one trial of a log, or of a run's folder, step by step.
 
-    A compact log has only the outcomes of most trials. The picture of --picture shows the
-    behaviors, the beliefs, and the expected gain of going on, over the seconds of the trial.
+    A compact log has only the outcomes of most trials. The picture that --picture draws shows the
+    behaviors, the beliefs, and the expected gain of going on, over the time of the trial.
     """
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.trial_log.folder import going_on_text, of_learner
@@ -265,7 +265,7 @@ def _counted(number: int, noun: str) -> str:
     click.Choice(["success", "cost", "reward"]),
     "reward",
     None,
-    "Measure that is compared.",
+    "Quantity to compare.",
 )
 @option(
     "--reference",
@@ -279,7 +279,7 @@ def compare(logs: tuple[Path, ...], measure: str, reference: str | None, as_json
     """Compare the agents in LOGS, files or runs' folders, on the tasks that they share.
 
     Differences are paired by task, with 95 % intervals in which objects are the clusters. Costs are
-    seconds, successes fractions of trials.
+    in seconds, and success is a fraction of trials.
     """
     from meal_bayes.evaluation import comparisons
     from meal_bayes.evaluation.logged import LoggedOutcomes

@@ -96,7 +96,7 @@ _SHARED = {
     ),
     "perception": option(
         "--perception", click.Choice(["default", "paper"]), "default", None,
-        "Classifiers that made the percepts: ours, or the paper's.",
+        "Classifiers that compute the percepts: those of the package, or the paper's.",
     ),
     "yes_no": click.option(
         "--yes-no", is_flag=True, help='Answer yes or no: "Is it red and not heavy?", "... or ...".'

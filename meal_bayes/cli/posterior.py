@@ -44,7 +44,8 @@ class _Fitting(TypedDict):
     click.Choice(["same", "crossed"]),
     "same",
     None,
-    "Model of the grid, or attributes crossed with behaviors that err together (pymc only).",
+    "Model of the grid method, or crossed effects of attributes and behaviors with correlated "
+    "errors (pymc only).",
 )
 @opt.option("--attributes", None, None, "A,B", "The attributes to fit; all by default.")
 @opt.option("--levels", click.IntRange(2, 8), 2, "K", "Number of levels of a percept: 2, 4 or 8.")
@@ -68,7 +69,7 @@ class _Fitting(TypedDict):
     click.IntRange(1, 1024),
     None,
     None,
-    "Chains at a time (pymc); as many as there are processors by default.",
+    "Number of chains to sample in parallel (pymc); by default the number of processors.",
 )
 @opt.option("--seed", opt.SEED, 0, "S", "Equal seeds give equal draws.")
 @opt.shared("json")
@@ -81,9 +82,9 @@ def posterior(
 ) -> None:
     """Fit the confusion matrices, and how much objects differ.
 
-    Writes the draws (posterior.nc, for ArviZ), a summary of every entry (summary.csv), and
-    figures: forest.png, predictive.png, and reliability_each.png and reliability_together.png of
-    the beliefs after one behavior and after all.
+    The command writes posterior draws (posterior.nc, for ArviZ), a summary of every entry
+    (summary.csv), and figures: forest.png, predictive.png, and reliability_each.png and
+    reliability_together.png of the beliefs after one behavior and after all.
     """
     from meal_bayes.evaluation.posterior_report import write_posterior
     from meal_bayes.files import check_folder
@@ -195,9 +196,9 @@ class _Exporting(TypedDict):
 def export(file: Path, **options: Unpack[_Exporting]) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).
 
-    The problem is the paper's: by Eq. 8, percepts are independent given the truth, and the prior is
-    uniform. Its confusion matrices are those of held-out classifiers on the data set's recordings.
-    With --yes-no there are two reports, no and yes.
+    The problem is that of the paper: percepts are independent given the truth (Eq. 8), and the
+    prior is uniform. The confusion matrices are those of held-out classifiers on the recordings of
+    the data set. With --yes-no there are two reports, no and yes.
     """
     from meal_bayes.domain import read_question
     from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx

@@ -23,16 +23,18 @@ _PACKAGE = "paper_repro"
 @click.option(
     "--as-published",
     is_flag=True,
-    help="Run the paper's own settings only: percepts drawn from the matrices.",
+    help="Run the paper's own settings only: percepts drawn from the learned confusion matrices.",
 )
 @opt.shared("seed", "jobs", "cluster", "logs")
-@opt.option("--trials", opt.COUNT, None, "T", "Most trials of an agent in offline runs.")
+@opt.option(
+    "--trials", opt.COUNT, None, "T", "Maximum number of trials of an agent in offline runs."
+)
 @opt.option(
     "--repeats",
     click.IntRange(0, opt.LARGEST_COUNT),
     None,
     "R",
-    "Most repeats of online runs; 0 runs none.",
+    "Maximum number of repeats of online runs; 0 runs none.",
 )
 @opt.option(
     "--only",

@@ -65,7 +65,7 @@ def run() -> None:
 @click.option(
     "--yes-no",
     is_flag=True,
-    help="Ask whether all of the attributes hold, instead of their values.",
+    help="Ask whether all attributes are true, instead of asking for their values.",
 )
 @click.option(
     "--yes-no-balanced",
@@ -80,7 +80,7 @@ def offline(
     as_json: bool,
     **settings: Any,
 ) -> None:
-    """Run agents on the same queries about objects they never learned from.
+    """Run agents on the same questions about objects from which they did not learn.
 
     If a run was interrupted, the same command continues it.
     """
@@ -244,7 +244,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     click.Choice(["paper", "all"]),
     "paper",
     None,
-    "Experience that Eq. 10 counts: of training alone (paper), or of pretraining too (all).",
+    "Experience that Eq. 10 counts: training only (paper), or pretraining too (all).",
 )
 @opt.shared("seed", "key", "jobs", "cluster")
 @opt.option(

@@ -55,9 +55,9 @@ def view(
     """Show a trial of LOG, a file or a run's folder, in the rerun viewer, step by step.
 
     The window has tabs for the trial, for its last behavior, and for the whole run. A compact log
-    has no steps of most trials; then only the run is shown, and --trial exits with 1. Other
-    machines cannot reach the viewer. Its telemetry is off, but the telemetry of rerun's own page,
-    which --web opens, is on.
+    has no steps of most trials; for such a trial, only the tab of the run is shown, and --trial
+    exits with 1. Other machines cannot reach the viewer. Its telemetry is off, but the telemetry of
+    rerun's own page, which --web opens, is on.
     """
     if sum((save is not None, screenshot is not None, web)) > 1:
         raise click.UsageError("Give one of --save, --screenshot and --web.")
