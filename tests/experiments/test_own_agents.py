@@ -165,7 +165,7 @@ UNKNOWN = [
 def test_what_cannot_be_known_is_told_and_never_the_same(value, caplog):
     agent = as_agent(value)
     assert agent_digest(agent, "") != agent_digest(agent, "")
-    assert "a folder of its own" in caplog.text
+    assert "gets a new folder" in caplog.text
 
 
 def test_two_planners_of_one_function_do_not_share_a_run(tmp_path):
