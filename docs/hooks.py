@@ -30,6 +30,8 @@ FUNCTIONS = {  # functions that a package takes from modules as a whole
     "meal_bayes.planners": f"\n::: meal_bayes.planners.precompile.warm_up\n{HEADING}\n",
 }
 LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")
+CODE = re.compile(r"<code>[^<]*</code>")
+OPTION = re.compile(r"(?<![\w-])--\w[\w-]*")  # of a command, which browsers would break after "--"
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -98,8 +100,11 @@ def package_table() -> str:
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Turn equations into MathML, which browsers draw without any script."""
-    return EQUATION.sub(mathml, content)
+    """Turn equations into MathML, which browsers draw without any script; keep options whole."""
+    whole = CODE.sub(
+        lambda found: OPTION.sub(r'<span class="option">\g<0></span>', found[0]), content
+    )
+    return EQUATION.sub(mathml, whole)
 
 
 def mathml(found: re.Match[str]) -> str:
