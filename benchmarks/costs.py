@@ -1,13 +1,15 @@
 """What a robot's computer needs: CPU seconds and memory, by the size of the problem.
 
     python benchmarks/costs.py learning [--axis attributes] [--task fit]
+    python benchmarks/costs.py learning --sizes 500x60x200x3 [--agents morc,bayes]
     python benchmarks/costs.py robots [--sizes 40x5 80x5 60x60]
     python benchmarks/costs.py decisions [--sizes 5x10 8x30 12x60] [--milliseconds 1]
     python benchmarks/costs.py start [--before FOLDER]
     python benchmarks/costs.py live [--trials 1000]
 
 `learning`: percept table and `Learner.fit` by the number of objects, recordings, behaviors or
-attributes, and the exponent: the slope of log CPU time over log size. `robots`: the first decision,
+attributes, and the exponent: the slope of log CPU time over log size; with `--sizes`, `Learner.fit`
+of agents at objects x behaviors x attributes x recordings. `robots`: the first decision,
 by behaviors x states, of drawn diagrams: every behavior is possible in three of ten states and
 leads back to where it began, or somewhere else; two attributes are asked. `decisions`: the first
 and later decisions beside their budget, by attributes x behaviors, of such diagrams of six states.
@@ -69,6 +71,14 @@ DEMO = (  # on one core
 
 def learning(options: argparse.Namespace) -> list[Row]:
     """Measure the cost of learning along an axis."""
+    if options.sizes:
+        names = ("objects", "behaviors", "attributes", "recordings")
+        each = [dict(zip(names, map(int, size.split("x")), strict=True)) for size in options.sizes]
+        return [
+            {"agent": agent, **sizes, **alone(learn, "fit", sizes, agent)}
+            for sizes in each
+            for agent in options.agents.split(",")
+        ]
     axis = options.axis
     rows = []
     for task in ("table", "fit") if options.task is None else (options.task,):
@@ -83,22 +93,22 @@ def learning(options: argparse.Namespace) -> list[Row]:
     return rows
 
 
-def learn(task: str, sizes: dict[str, int]) -> Row:
+def learn(task: str, sizes: dict[str, int], agent: str = "bayes") -> Row:
     """Return CPU seconds and peak megabytes of one size, in this process."""
-    work(task, data_of({**sizes, "objects": 10, "recordings": 2}))
+    work(task, data_of({**sizes, "objects": 10, "recordings": 2}), agent)
     dataset = data_of(sizes)
     started = time.process_time()
-    work(task, dataset)
+    work(task, dataset, agent)
     seconds = time.process_time() - started
     return {"cpu_seconds": round(seconds, 2), "peak_mb": round(peak_mb(), 1)}
 
 
-def work(task: str, dataset: Dataset) -> None:
+def work(task: str, dataset: Dataset, agent: str) -> None:
     """Learn from a data set."""
     if task == "table":
         build_percept_table(dataset)
     else:
-        Learner(dataset.domain, agent="bayes", logs=None).fit(dataset)
+        Learner(dataset.domain, agent=agent, logs=None).fit(dataset)
 
 
 def data_of(sizes: dict[str, int]) -> Dataset:
@@ -301,6 +311,7 @@ def main() -> None:
     parser.add_argument("--axis", choices=AXES, default="objects")
     parser.add_argument("--task", choices=("table", "fit"))
     parser.add_argument("--sizes", nargs="+")
+    parser.add_argument("--agents", default="morc,bayes", help="that learn, by comma")
     parser.add_argument("--milliseconds", type=float, default=1.0, help="a decision's budget")
     parser.add_argument("--before", type=Path, help="folder of another version")
     parser.add_argument("--trials", type=int, default=1000, help="live ones")
