@@ -1,6 +1,6 @@
 """What beliefs are worth on the real recordings: NLL, Brier, ECE of observation models.
 
-python benchmarks/calibration.py [--part beliefs|answers|halves|simulated] [--dataset NAME ...]
+python benchmarks/calibration.py [--part beliefs|answers|without|simulated] [--dataset NAME ...]
                                  [--prior rates|even] [--attributes all|well|weak] [--json]
                                  [--seed S] [--trials N]
 
@@ -19,24 +19,23 @@ behavior has TPR - FPR > .6.
 
 What decides is Pr(all asked attributes are right), when the agent stops by itself. `answers` shows
 it in the trials of `run offline` by number of attributes: what `bayes` says when it answers, how
-often that is right, and the gap, with 95 % intervals by object. `halves` takes the objects apart in
-two halves, 20 times: what is learned, classifiers too, knows one half, and the questions are about
-the other, so that nothing is left out again and again; intervals are by split (corrected resampled
-t). `simulated` draws objects and percepts from what the agent believes: z of said less right.
+often that is right, and the gap, with 95 % intervals by object. `without` pairs `bayes` with itself
+planned with a discount of .99, and without the trait, on the same questions. `simulated` draws
+objects and percepts from what the agent believes: z of said less right.
 """
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from knowing_little import first_objects, replayed
 from measuring import options_of, show
 from numpy.typing import NDArray
 from rollout import simulate
 
-from meal_bayes import Learner, load_dataset
+from meal_bayes import Learner
 from meal_bayes.agents import knowledge_without, load_agent
 from meal_bayes.agents.base_rates import learn_base_rates
 from meal_bayes.arrays import Floats
@@ -48,7 +47,7 @@ from meal_bayes.evaluation import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import clustered, resampled
+from meal_bayes.evaluation.statistics import clustered
 from meal_bayes.experiments import askable
 from meal_bayes.experiments.offline import offline_tasks
 from meal_bayes.perception.confusion import by_truth, youden
@@ -67,7 +66,6 @@ SETS = 500  # bootstrap draws
 SEED = 6201  # none by which the model was chosen
 ASKED = {"roc36": (2, 3), "ispy32": (1, 2, 3), "cy101": (1, 2)}
 TRIALS = {"roc36": 2000, "ispy32": 2000, "cy101": 1000}
-SPLITS = 20
 EPISODES = 5  # simulated of each question
 
 Row = dict[str, Any]
@@ -250,37 +248,33 @@ def answers(name: str, n: int, trials: int, seed: int) -> Row:
     return {**row_of(name, n, done), "gap": gap.estimate, "gap_low": gap.low, "gap_high": gap.high}
 
 
-def halves(name: str, n: int, trials: int, seed: int) -> Row:
-    """Measure answers about one half of the objects, of which nothing was learned."""
-    data = load_dataset(name)
-    done = []
-    gaps = []
-    losses = []
-    for split in range(SPLITS):
-        order = stream(seed, "halves", name, split).permutation(len(data.objects))
-        known = order[: len(order) // 2]
-        learner = Learner(data.domain, agent="bayes", seed=seed, logs=None)
-        learner.fit(first_objects(data, known))
-        asked = max(1, trials // SPLITS)
-        tasks = offline_tasks(load_percepts(name), n, 4 * asked + 40, seed + split)
-        of_split = []
-        for task in [task for task in tasks if task.object_index not in known][:asked]:
-            labels = data.labels[task.object_index, data.domain.columns(task.query.attributes)]
-            truth = dict(zip(task.query.attributes, (labels == 1).tolist(), strict=True))
-            robot = replayed(data, task.object_index, truth, seed, "halves", split, *task.key)
-            of_split.append(learner.ask(list(truth), robot, truth=truth, learn=False))
-        said, right, answered = stopped(of_split)
-        gaps.append((said - right)[answered].mean() if answered.any() else np.nan)
-        losses.append(negative_log_likelihood(said, right == 1).mean())
-        done += of_split
-    gap = resampled(np.array(gaps)[~np.isnan(gaps)], 1.0).interval()
-    return {
-        **row_of(name, n, done),
-        "gap": gap.estimate,
-        "gap_low": gap.low,
-        "gap_high": gap.high,
-        "nll": float(np.mean(losses)),
+def without(name: str, n: int, trials: int, seed: int) -> list[Row]:
+    """Measure what `bayes` earns beyond itself without one of its parts, on the same questions."""
+    table = load_percepts(name)
+    tasks = offline_tasks(table, n, trials, seed)
+    objects = np.array([task.object_index for task in tasks])
+    bayes = load_agent("bayes")
+    parts = {
+        "": bayes,
+        "planned with discount .99": replace(bayes, discount=0.99),
+        "without the trait": replace(bayes, shared_trait=False),
     }
+    done = {}
+    for part, agent in parts.items():
+        learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
+        done[part] = [learner.ask(task) for task in tasks]
+    rows = []
+    for part in list(parts)[1:]:
+        row: Row = {"dataset": name, "attributes": n, "trials": trials, "bayes less": part}
+        for measure_ in ("reward", "cost"):
+            ours, other = (
+                np.array([getattr(trial, measure_) for trial in done[p]]) for p in ("", part)
+            )
+            found = clustered(ours - other, objects).interval()
+            row |= {measure_: found.estimate, f"{measure_}_low": found.low}
+            row |= {f"{measure_}_high": found.high}
+        rows.append(row)
+    return rows
 
 
 def simulated(name: str, n: int, trials: int, seed: int) -> Row:
@@ -335,7 +329,11 @@ def row_of(name: str, n: int, trials: list[Trial]) -> Row:
 def main() -> None:
     """Measure the data sets and print a table, or JSON."""
     parser = options_of(__doc__)
-    parts = {"answers": answers, "halves": halves, "simulated": simulated}
+    parts: dict[str, Callable[..., Any]] = {
+        "answers": answers,
+        "without": without,
+        "simulated": simulated,
+    }
     parser.add_argument("--part", choices=("beliefs", *parts), default="beliefs")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--trials", type=int, help="of a row; by default those on the page")
@@ -343,14 +341,14 @@ def main() -> None:
     parser.add_argument("--prior", choices=("rates", "even"), default="rates")
     parser.add_argument("--attributes", choices=("all", "well", "weak"), default="all")
     options = parser.parse_args()
-    rows = []
+    rows: list[Row] = []
     if options.part != "beliefs":
         measured = parts[options.part]
         cells = [(data, n) for data in options.dataset for n in ASKED[data]]
         for data, n in cells:
-            row = measured(data, n, options.trials or TRIALS[data], options.seed)
-            rows.append(row)
-            print(row, file=sys.stderr, flush=True)
+            found = measured(data, n, options.trials or TRIALS[data], options.seed)
+            rows += found if isinstance(found, list) else [found]
+            print(found, file=sys.stderr, flush=True)
         show(rows, {"rows": rows} if options.json else None)
         return
     seconds = {}

@@ -12,6 +12,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.look import short_repr
 from meal_bayes.perception.confusion import informative, youden
 from meal_bayes.posterior.given import first_dispersion, generic_prior, given_rows
+from meal_bayes.posterior.graded_prior import GradedPrior
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 from meal_bayes.posterior.spike import probability_of_telling
 
@@ -232,12 +233,17 @@ class ConfusionPosterior(ByValue):
         return replace(self, counts=self.counts + (final - counted), concentration=concentration)
 
     def without(
-        self, attribute: NDArray[np.intp], behavior: NDArray[np.intp], counts: NDArray[Any]
+        self,
+        attribute: NDArray[np.intp],
+        behavior: NDArray[np.intp],
+        counts: NDArray[Any],
+        prior: GradedPrior | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return rows (U,2,K) and precision of U pairs without the percepts of one object.
 
-        The prior, the dispersion and the probability that a pair is informative do not change. At
-        least 2 % of the weight of each level remains, because the prior has a part of the weight.
+        The dispersion and the probability that a pair is informative do not change. The prior
+        changes only if you pass how it was learned. At least 2 % of the weight of each level
+        remains, because the prior has a part of the weight.
 
         Parameters
         ----------
@@ -245,10 +251,16 @@ class ConfusionPosterior(ByValue):
             (U,) positions of the pairs' attributes and behaviors.
         counts : NDArray[Any]
             (U,2,K) counts of the object's percepts, which were added before.
+        prior : GradedPrior, optional
+            Learned prior of the rows of all pairs without a detector of the robot's own.
         """
         dispersion = self.dispersion[attribute, behavior]
         counted = self.concentration[attribute, behavior]
-        taken_out = counted - _effective(counts, dispersion)
+        worth = _effective(counts, dispersion)
+        taken_out = counted - worth
+        if prior is not None:
+            learned = ~self.given[attribute, behavior]
+            taken_out += prior.change_without(attribute, behavior, worth) * learned[:, None, None]
         alpha = np.maximum(taken_out, _LEFT * counted)
         telling = None if self.telling is None else self.telling[attribute, behavior]
         return _mean(alpha, telling), _precision(alpha, dispersion)

@@ -25,6 +25,7 @@ from scipy.special import betaln, expit, logsumexp
 
 from meal_bayes.arrays import Bools, Floats
 from meal_bayes.posterior import grid
+from meal_bayes.posterior.graded_prior import pooled_log_ratio, use_of_levels
 
 # l*, log ratios by level, from surely no to surely yes
 _GENERIC = {2: np.array([-0.9, 0.9]), 4: np.array([-1.6, -0.5, 0.5, 1.6])}
@@ -89,10 +90,10 @@ def given_rows(counts: ArrayLike, given: Bools) -> GivenRows:
     shape = (*votes.shape, 2, levels)
     learned = grid.prior_of(counts)  # (P,E,2,K) of all pairs that are not given
     effective = grid.effective_counts(rows, votes).reshape(shape)
-    used = grid.use_of_levels(effective)[given]  # (R,1,K)
+    used = use_of_levels(effective)[given]  # (R,1,K)
     # Those that are given have a vote also where they seem to tell nothing: they are not chosen by
     # what they showed, so that many at chance are seen to be so.
-    own = grid.pooled_log_ratio(effective, votes | given)
+    own = pooled_log_ratio(effective, votes | given)
     alphas = _alphas(used, own)  # (C,R,2,K)
     # Of each (w, A) the whole posterior, of which the evidence says how much it counts.
     pick = np.repeat(given.ravel(), 2)

@@ -16,11 +16,7 @@ The attributes of a behavior share, for each truth alone: of s, ln s ~ Normal(mu
 and tau integrated out on a grid; of m, for yes/no, a common Dirichlet prior w mu, learned by its
 marginal likelihood. Pairs that tell nothing have no vote.
 
-Graded percepts (K > 2) share more than that: a level is a range of class-balanced log-odds, so its
-likelihood ratio is about the same whatever the behavior and attribute. The prior of their rows is
-the pair's own use of the levels, tilted to either truth by each level's likelihood ratio over all
-pairs, at the weight of 32 percepts: of the powers of two, the one by which the rows learned without
-an object predict its percepts best (ROC36 and ISPY32 32, CY101 128, flat around).
+Graded percepts (K > 2) share more than that: what a level is worth, see `posterior.graded_prior`.
 """
 
 from typing import NamedTuple
@@ -32,6 +28,7 @@ from scipy.special import expit, gammaln
 from meal_bayes.arrays import Bools, Floats, Ints, tiny_is_zero
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import informative
+from meal_bayes.posterior.graded_prior import GradedPrior
 
 DISPERSIONS = np.geomspace(0.05, 1000.0, 29)  # s; at 1000 ten percepts are as good as independent
 TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # of ln s over attributes
@@ -42,8 +39,6 @@ _TINY = np.float32(1e-30)
 AS_INFINITE = 1e9  # a precision, where an infinite one needs a number
 PRIOR_WEIGHT = 2.0  # of a row of two levels before any percept: 1 a cell
 _BINARY = 2  # levels: yes and no
-_GRADED = 32.0  # the same of a row of more levels, as `bayes` has
-_FLAT = 1.0  # weight of a flat row beside the counts, where that of more levels is learned
 _WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; log-normal about PRIOR_WEIGHT
 
 
@@ -260,8 +255,11 @@ def _prior(rows: RowStatistics, votes: Bools, prior: ArrayLike | None) -> Floats
     """Learn the prior of m from the rows, their dispersions found under a flat one, or take it."""
     levels = rows.totals.shape[-1]
     if prior is None:
-        learn = _common_prior if levels == _BINARY else _graded_prior
-        prior = learn(effective_counts(rows, votes), votes)
+        effective = effective_counts(rows, votes)
+        if levels == _BINARY:
+            prior = _common_prior(effective, votes)
+        else:
+            prior = GradedPrior.learn(effective, votes).rows
     return np.broadcast_to(np.asarray(prior, float), (*votes.shape, 2, levels))
 
 
@@ -303,36 +301,3 @@ def _common_prior(effective: Floats, votes: Bools) -> Floats:
     score = (score * voting).sum(axis=-4, keepdims=True)  # (...,1,E,2,W)
     score -= 0.5 * np.log(_WEIGHTS / PRIOR_WEIGHT) ** 2
     return np.asarray(_WEIGHTS[score.argmax(axis=-1)][..., None] * mean)
-
-
-def _graded_prior(effective: Floats, votes: Bools) -> Floats:
-    """Compute the Dirichlet prior of graded rows, (...,P,E,2,K), from effective counts.
-
-    With q the balanced mean of a pair's two rows and r_k the ratio in which true and false objects
-    show level k, over all pairs with a vote: 2 q_k r_k / (1 + r_k) and 2 q_k / (1 + r_k). Pairs
-    have the weight of their rarer truth.
-    """
-    log_ratio = pooled_log_ratio(effective, votes)
-    used = use_of_levels(effective)
-    prior = np.concatenate([used * expit(-log_ratio), used * expit(log_ratio)], axis=-2)
-    return np.asarray(_GRADED * prior / prior.sum(axis=-1, keepdims=True))
-
-
-def use_of_levels(effective: Floats) -> Floats:
-    """Return the balanced mean (...,P,E,1,K) of a pair's two rows, from effective counts."""
-    return np.asarray(_flattened(effective).mean(axis=-2, keepdims=True))
-
-
-def pooled_log_ratio(effective: Floats, votes: Bools) -> Floats:
-    """Return ln of the ratio (K,) in which true and false objects show a level, of all pairs."""
-    rows = _flattened(effective)
-    vote = effective.sum(axis=-1, keepdims=True).min(axis=-2, keepdims=True)
-    vote = vote * votes[..., None, None]
-    pooled = (rows * vote).sum(axis=(-4, -3)) + 1 / rows.shape[-1]  # (2,K)
-    return np.asarray(np.log(pooled[1]) - np.log(pooled[0]))
-
-
-def _flattened(effective: Floats) -> Floats:
-    """Return rows (...,K) of effective counts, with one flat percept more."""
-    n = effective.sum(axis=-1, keepdims=True)
-    return np.asarray((_FLAT / effective.shape[-1] + effective) / (_FLAT + n))

@@ -34,8 +34,10 @@ from scipy.optimize import minimize_scalar
 
 from meal_bayes.arrays import Floats, FrozenArrays, freeze, tiny_is_zero
 from meal_bayes.look import short_repr
+from meal_bayes.perception.confusion import by_truth
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
-from meal_bayes.posterior.grid import AS_INFINITE
+from meal_bayes.posterior.graded_prior import GradedPrior
+from meal_bayes.posterior.grid import AS_INFINITE, effective_counts, row_statistics
 from meal_bayes.seeds import stream
 
 Floating = NDArray[np.floating[Any]]
@@ -180,7 +182,8 @@ class _Evidence:
         own = np.zeros((len(distinct), 2, shown.shape[-1]), np.intp)
         own[np.arange(len(distinct)), distinct[:, 1]] = shown
         of_pair = attribute[distinct[:, 0]], behavior[distinct[:, 0]]
-        confusion, self.precision = posterior.without(*of_pair, own)  # (U,2,K), (U,2)
+        prior = _learned_prior(posterior, counts, truth)
+        confusion, self.precision = posterior.without(*of_pair, own, prior)  # (U,2,K), (U,2)
         self.confusion = confusion.astype(np.float32)
         # Row, level, and the number of earlier ones of that level, of each of T percepts.
         top = np.arange(shown.max(initial=0))
@@ -193,15 +196,15 @@ class _Evidence:
         level = (pick[..., None] >= cumulative).sum(axis=-1)  # (D,V,O)
         self.single_level = np.minimum(level, percepts.shape[-1] - 1)
         self.labeled = labeled.astype(np.float32)
-        prior = (np.log(base_rates) - np.log1p(-base_rates)).astype(np.float32)
+        odds = (np.log(base_rates) - np.log1p(-base_rates)).astype(np.float32)
         sign = np.where(truth == 1, 1, -1).T.astype(np.float32)
         balance = (base_rates * (1 - base_rates))[:, None]
         by_behavior = _normalized(balance[attribute] * labeled)
         joint = _normalized(balance[present] * perceived)
         # All recordings together, then each draw of single ones; the draws share one weight.
         joint = np.concatenate([joint, *(joint / _DRAWS for _ in range(_DRAWS))], axis=1)
-        self.by_behavior = prior[attribute], sign[attribute], by_behavior
-        self.joint = prior[present], np.tile(sign[present], 1 + _DRAWS), joint
+        self.by_behavior = odds[attribute], sign[attribute], by_behavior
+        self.joint = odds[present], np.tile(sign[present], 1 + _DRAWS), joint
 
     def loss(self, trait: SharedTrait) -> float:
         """Return the sum of the three means, and the prior of sigma."""
@@ -225,6 +228,16 @@ class _Evidence:
         loss = _loss(repeated, log_classes, *self.by_behavior)
         loss += _loss(joint, log_classes, *self.joint)
         return loss + 0.5 * (trait.sd / _SCALE) ** 2 / self.n_perceived
+
+
+def _learned_prior(
+    posterior: ConfusionPosterior, counts: NDArray[np.intp], truth: NDArray[np.int8]
+) -> GradedPrior | None:
+    """Learn the prior of graded rows again, of which objects are then taken out."""
+    if posterior.telling is None or counts.shape[-1] == 2:
+        return None
+    rows, votes = row_statistics(by_truth(counts, truth))
+    return GradedPrior.learn(effective_counts(rows, votes), votes)
 
 
 def _loss(

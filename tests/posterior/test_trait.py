@@ -9,8 +9,11 @@ from scipy.special import betaln
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.perception import table_counts
+from meal_bayes.perception.confusion import by_truth
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
+from meal_bayes.posterior.graded_prior import GradedPrior
+from meal_bayes.posterior.grid import effective_counts, row_statistics
 from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 
 OBJECTS = 80
@@ -129,7 +132,7 @@ def test_an_object_is_scored_by_rows_without_its_own_percepts():
         np.testing.assert_allclose(precision, before.precision[pair])
 
 
-def loss_by_hand(sd, posterior, levels, truth, rates):
+def loss_by_hand(sd, posterior, prior, levels, truth, rates):
     """Loss of beliefs after each behavior's one recording, and twice after all, case by case."""
     trait = SharedTrait.of_sd(sd)
     classes = np.log(np.maximum(trait.latent_classes, 1e-300))
@@ -139,7 +142,7 @@ def loss_by_hand(sd, posterior, levels, truth, rates):
         behaviors = np.flatnonzero(posterior.informative[p])
         own = np.zeros((len(behaviors), 2, levels.shape[-1]), int)
         own[:, truth[o, p]] = levels[o, p, behaviors]
-        without = posterior.without(np.full(len(behaviors), p), behaviors, own)
+        without = posterior.without(np.full(len(behaviors), p), behaviors, own, prior)
         rows, precision = trait.select(*without, rounds=10)
         shown = np.repeat(levels[o, p, behaviors, None], rows.shape[1], axis=1).astype(float)
         seen = log_likelihood(shown, rows, precision)  # (V,M)
@@ -155,8 +158,10 @@ def loss_by_hand(sd, posterior, levels, truth, rates):
 def test_sigma_has_the_least_loss_of_objects_that_are_taken_out():
     truth, levels = simulate(np.random.default_rng(9), 0.8, objects=15, recordings=1)
     posterior, trait, rates = learned(truth, levels)
+    rows, votes = row_statistics(by_truth(levels, truth))
+    prior = GradedPrior.learn(effective_counts(rows, votes), votes)
     losses = [
-        loss_by_hand(sd, posterior, levels, truth, rates)
+        loss_by_hand(sd, posterior, prior, levels, truth, rates)
         for sd in (0.75 * trait.sd, trait.sd, 1.3 * trait.sd)
     ]
     assert losses[1] < min(losses[0], losses[2])
