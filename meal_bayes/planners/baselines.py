@@ -1,6 +1,7 @@
 """The paper's baselines (Sect. 7.1): Random, Random Legal, Predefined, Predefined Plus; and ours.
 
-Ours are Greedy, and Untouched: what an agent must beat to have been worth its seconds.
+Two baselines are not the paper's: Greedy, and Untouched, which answers without executing a
+behavior. An agent whose mean reward is not above that of Untouched is not worth its costs.
 """
 
 from collections.abc import Callable
@@ -35,7 +36,7 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True)
 class Random:
-    """Uniform over the reports and the legal behaviors of x."""
+    """Draws uniformly from the reports and the behaviors that are legal in the state."""
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""
@@ -58,12 +59,12 @@ def _report_or_behavior(momdp: MOMDP, history: History, rng: np.random.Generator
 
 @dataclass(frozen=True, slots=True)
 class RandomLegal:
-    """Uniform over the legal behaviors while the cost is below a budget; then the best report.
+    """Draws legal behaviors uniformly until the cost exceeds a budget, then reports.
 
     Attributes
     ----------
     budget : float
-        s; the last behavior may overrun it.
+        Budget in seconds; the last behavior may exceed it.
     barred : tuple[str, ...]
         Behaviors that are never drawn, such as those that ask a person.
     """
@@ -96,10 +97,10 @@ def draw_legal(
 
 @dataclass(frozen=True, slots=True)
 class Predefined:
-    """A fixed sequence, each behavior once; ends before one that is not legal, then reports.
+    """Executes a fixed sequence of behaviors until one is not legal, then reports.
 
-    With `persistent` (Predefined Plus) a behavior is repeated until it succeeds; of a robot's, one
-    that keeps failing is taken from it: `trials.faults.FaultTolerant`.
+    With `persistent` (Predefined Plus), a behavior is repeated until it succeeds. On a real robot,
+    a behavior that keeps failing is given up; see `trials.faults.FaultTolerant`.
 
     Raises
     ------
@@ -139,7 +140,7 @@ class Predefined:
 
 @dataclass(frozen=True, slots=True)
 class Untouched:
-    """Reports what the prior says is likeliest, at once and for 0 s."""
+    """Reports the values that are most probable a priori, at once and without cost."""
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""
@@ -152,10 +153,12 @@ def _likeliest(momdp: MOMDP, history: History, rng: np.random.Generator) -> Deci
 
 @dataclass(frozen=True, slots=True)
 class Greedy:
-    """Maximizes bits per second, one percept ahead; reports when a bit costs more than its value.
+    """Maximizes the expected information per second of the next percept.
 
-    A behavior that is not legal at x is priced with the cheapest path to it. The value of a bit
-    is the expected cost of the present error, (r+ - r-) Pr(best report wrong), over the entropy.
+    The policy reports when a bit of information costs more than its value. The cost of a behavior
+    that is not legal in the state includes the cheapest path to it. The value of a bit is the
+    expected loss by a wrong report, (r+ - r-) Pr(best report wrong), divided by the entropy of the
+    belief.
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:

@@ -1,4 +1,4 @@
-"""How planning kernels are compiled and cached: the one place of `planners` that imports numba.
+"""Compiling and caching of planning kernels; the only module of `planners` that imports numba.
 
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
 wrappers that Python would need (a seventh of the compile time), and inlined; `called_kernel` one
@@ -340,9 +340,9 @@ event.register("numba:compile", _PREPARING)
 def watch_compilation(
     report: Callable[[Compiling], None], end: Callable[[], None]
 ) -> Iterator[None]:
-    """Call `report` with every kernel that is compiled meanwhile, and `end` after an entry kernel.
+    """Call `report` for every kernel that is compiled in a block, and `end` after an entry kernel.
 
-    Nothing is called where kernels are loaded that an earlier program compiled.
+    Nothing is called if the kernels are loaded from the cache.
     """
     _PREPARING.watchers += 1
     try:

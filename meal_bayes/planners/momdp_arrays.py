@@ -1,10 +1,11 @@
 """A MOMDP as the arrays that planners read, with geometric failures summed out.
 
-To repeat a behavior until something happens is optimal, as a failure changes nothing. With cost c,
-discount g and Pr(nothing happens) f: V = -cost + discount * E V(next),
-cost = c / (1 - g f), discount = g (1 - f) / (1 - g f).
+A failed behavior changes nothing, so it is optimal to repeat it until it succeeds. With cost c,
+discount factor g and probability f of a failure, the value is V = -cost + discount * E V(next),
+where cost = c / (1 - g f) and discount = g (1 - f) / (1 - g f).
 
-A bonus is paid for percepts, not for executions: of a behavior of success p, undiscounted, b - c/p.
+A bonus is for percepts, not for executions: without discount, a behavior with success probability
+p, cost c and bonus b contributes b - c/p.
 """
 
 from collections.abc import Callable
@@ -79,10 +80,10 @@ class MOMDPArrays(NamedTuple):
 
 
 def paid_share(limit: Any, seen: Any, planned: Any) -> Any:
-    """Return the share of planned percepts that a bonus is paid for: the first, up to its limit.
+    """Return the fraction of planned percepts that get a bonus, up to its limit.
 
-    The one definition of this, for arrays and, compiled, for kernels: a trial is paid for `limit`
-    percepts of a behavior, and has `seen` some of them.
+    In a trial, the first `limit` percepts of a behavior get the bonus, and there have been `seen`
+    percepts already. Arrays and compiled kernels use this same definition.
     """
     return np.minimum(1.0, np.maximum(limit - seen, 0.0) / np.maximum(planned, 1))
 

@@ -1,8 +1,8 @@
-"""The seams of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s.
+"""Interfaces of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s.
 
-`POMCP`, `OpenLoop` and `Factored` go on or answer by `choose`; baselines have rules of their own.
+`POMCP`, `OpenLoop` and `Factored` choose an action by `choose`; baselines have their own rules.
 
-What a user's own planner returns is checked here, where it enters (`solve`, `decide`).
+The functions `solve` and `decide` check what a user's own planner returns.
 """
 
 import hashlib
@@ -39,9 +39,9 @@ class TreeEdge(NamedTuple):
     visits : int
         Simulations through the edge.
     value : float
-        Estimate of what this trial is expected to bring.
+        Estimate of the expected reward of this trial.
     bonus : float
-        And of what exploring is paid on the way, s.
+        Estimate of the expected exploration bonus in seconds.
     """
 
     level: int
@@ -54,17 +54,17 @@ class TreeEdge(NamedTuple):
 
 
 class GoingOn(NamedTuple):
-    """What the best behavior, and all that may follow it, is worth over answering now.
+    """By how much the value of the best behavior exceeds that of answering now.
 
     Attributes
     ----------
     value : float
-        What this trial is expected to bring more than by answering now, s of reward; below 0
-        answering is better, NaN where nothing was compared.
+        Expected additional reward of this trial in seconds. Below 0, answering now is better. NaN
+        if actions were not compared.
     bonus : float
-        What exploring is paid on the way, s.
+        Expected exploration bonus in seconds.
     variance : float
-        Of `value`, s^2; 0 where both values are exact.
+        Variance of `value` in s^2; 0 if both values are exact.
     """
 
     value: float
@@ -222,22 +222,22 @@ def no_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """What a policy may depend on: the steps so far.
+    """The steps of a trial so far, on which a policy may depend.
 
     Attributes
     ----------
     belief : Belief
-        After them.
+        Belief after these steps.
     actions : tuple[int, ...]
         Executed behaviors.
     perceived : tuple[bool, ...]
-        Whether a percept came, by action.
+        Whether there was a percept, for each action.
     moved : tuple[int, ...]
-        The x after each action.
+        Index of the state after each action.
     cost : float
         s.
     unread : tuple[int, ...]
-        Places among the actions of those whose features came and could not be read.
+        Positions of actions whose features could not be read.
     """
 
     belief: Belief
@@ -250,7 +250,7 @@ class History:
     def after(
         self, belief: Belief, action: int, perceived: bool, cost: float, *, unread: bool = False
     ) -> "History":
-        """Return the history one step on, of a behavior that cost so much and led to a belief."""
+        """Return the history after one more behavior, given its cost and the belief after it."""
         return History(
             belief,
             actions=(*self.actions, action),
@@ -313,16 +313,16 @@ class Solver(Protocol):
 
 @dataclass(slots=True)
 class MemoizedPolicy:
-    """A deterministic policy that decides once for each x and percept counts, and keeps it.
+    """A deterministic policy that stores its decision for each state and percept counts.
 
-    A search draws from a stream of its own for each of them, whichever trial comes first.
+    Each search has its own random stream, so decisions do not depend on the order of trials.
     """
 
     policy: Policy
     _decisions: dict[tuple[int, bytes], Decision] = field(default_factory=dict)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the next action, as the last time at the same belief."""
+        """Choose the next action; equal beliefs get the same decision."""
         belief = history.belief
         key = belief.x, belief.percept_counts.tobytes()
         if key not in self._decisions:
@@ -338,7 +338,7 @@ def unvalued(momdp: MOMDP, action: int) -> Decision:
 
 
 def is_worth_going_on(value: float, ending: float) -> bool:
-    """Return whether a behavior of this value is executed, where answering is worth `ending`.
+    """Return whether to execute a behavior of this value if answering has the value `ending`.
 
     Planners that compare values stop by it: in `choose`, and `pomcp.policy._certain` before a
     search. Of several objects, `best_move` compares answers about all; `Greedy` prices bits.
@@ -356,17 +356,18 @@ def choose(
     momdp : MOMDP
         The problem.
     belief : Belief
-        At which to choose.
+        Belief for which to choose.
     values : NDArray[np.float64]
-        (E,) of the behaviors, with what exploring is paid; -inf where not legal.
+        (E,) values of the behaviors, including the exploration bonus; -inf if not legal.
     bonus : NDArray[np.float64] | None
-        (E,) what exploring is paid; nothing by default.
+        (E,) exploration bonus of the behaviors; none by default.
 
     Returns
     -------
     tuple
-        The action, the values (E+1,) of all behaviors (nan for -inf) and of the best answer without
-        what exploring is paid, and this (E+1,): what `Decision.exact` takes.
+        The action; the values (E+1,) of all behaviors (nan for -inf) and of the best answer,
+        without exploration bonus; and the bonus (E+1,). These are the arguments of
+        `Decision.exact`.
     """
     best = int(values.argmax())
     ending = answer_value(momdp, belief)
@@ -383,7 +384,7 @@ def choose(
 
 
 def checked_solver(value: object, agent: str) -> Solver:
-    """Return what plans for an agent; `SettingsError` where it cannot."""
+    """Return the planner of an agent; raise `SettingsError` if it is not one."""
     if not callable(getattr(value, "solve", None)):
         raise SettingsError(
             f"The planner of agent {agent!r} is {value!r:.60}; expected an object with a method "
@@ -394,7 +395,7 @@ def checked_solver(value: object, agent: str) -> Solver:
 
 
 def solve(solver: Solver, momdp: MOMDP, rng: np.random.Generator) -> Policy:
-    """Return a planner's policy; `SettingsError` where it returns none."""
+    """Return a planner's policy; raise `SettingsError` if it does not return one."""
     policy: Any = solver.solve(momdp, rng)
     if not callable(getattr(policy, "decide", None)):
         raise SettingsError(
@@ -405,7 +406,7 @@ def solve(solver: Solver, momdp: MOMDP, rng: np.random.Generator) -> Policy:
 
 
 def decide(policy: Policy, history: History, rng: np.random.Generator) -> Decision:
-    """Return a policy's decision; `SettingsError` where it is none."""
+    """Return a policy's decision; raise `SettingsError` if it is not one."""
     decision: object = policy.decide(history, rng)
     if not isinstance(decision, Decision):
         raise SettingsError(

@@ -1,10 +1,10 @@
-"""What percepts tell, cheaply: plans are grown and sifted by the Bhattacharyya coefficient.
+"""A cheap measure of how informative percepts are: the Bhattacharyya coefficient.
 
-The coefficient of k percepts is the sum of sqrt(Pr(j | true) Pr(j | false)) over the numbers j of
-them that are of each level: 1 where they tell nothing, 0 where they tell all. An error is at most
-sqrt(b (1 - b)) times the coefficient [Kailath1967], which is the product of the behaviors' where
-their percepts are independent given the truth; with shared latent classes that is no bound, but an
-estimate.
+The coefficient of k percepts is the sum of sqrt(Pr(j | true) Pr(j | false)) over all outcomes j,
+the numbers of percepts of each level. It is 1 if the percepts are uninformative and 0 if they
+determine the truth. The Bayes error is at most sqrt(b (1 - b)) times the coefficient [Kailath1967],
+where b is the belief. If percepts are independent given the truth, the coefficients of behaviors
+multiply. With shared latent classes, their product gives an estimate of the error, but no bound.
 """
 
 from typing import Any

@@ -1,8 +1,9 @@
 """Kernels of the Bayes error of an attribute after an open-loop plan: E min(b, 1 - b).
 
-It is exact where the outcomes of a plan's percepts fit the capacity. Else outcomes of like
-likelihood ratio are merged, and graded percepts of a behavior that still do not fit are cut to yes
-or no; both can only raise the error, so the value of a plan stays a lower bound.
+The error is exact if the number of outcomes of a plan's percepts is within the capacity. Otherwise
+outcomes with similar likelihood ratios are merged, and if there are still too many, percepts with
+more than two levels are reduced to yes or no. Both steps can only increase the error, so the value
+of a plan remains a lower bound.
 """
 
 from typing import NamedTuple
@@ -37,7 +38,7 @@ def log_odds(b):
 
 @kernel
 def threshold_below(odds, thresholds):
-    """Return the threshold at or below log-odds, the last but one at most, as two are compared.
+    """Return the index of the threshold at or below log-odds; at most the last but one.
 
     Thresholds are even in log-odds from -SPAN to SPAN, so that none is searched for; `_first_yes`
     is the inverse, and tabulates by the same spacing.
@@ -327,7 +328,7 @@ def plan_error(percepts, counts, i, prob, scratch):
 def plan_rates(percepts, counts, i, prob, weight, scratch):
     """Compute Pr(says yes, truth) of attribute i after a plan's percepts -> `accepted`.
 
-    Yes is said where the probability of true, times `weight`, outweighs that of false.
+    The answer is yes if the probability of true, times `weight`, exceeds that of false.
     """
     for c in range(prob.shape[1]):
         scratch.outcomes[c, 0] = prob[i, c]

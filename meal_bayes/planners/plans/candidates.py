@@ -1,4 +1,4 @@
-"""Candidates for the library of plans, and their sums; they are simple, tours, or grown."""
+"""Candidates for the library of plans: simple plans, tours, and grown plans, with their costs."""
 
 import functools
 import itertools
@@ -39,9 +39,9 @@ class Candidates(NamedTuple):
 def simple_plans(diagram: DiagramPaths, log_affinity: Floats) -> Candidates:
     """Return every legal behavior, and plans of a few percepts of one or two behaviors.
 
-    These gather one or two percepts of a behavior, then none, one or two of another. Where a
-    diagram has too many, the most promising of each x are kept: those that tell most a second, by
-    the log coefficients (N,E,U) of what percepts tell.
+    These plans have one or two percepts of a behavior, then none, one or two of another behavior.
+    If there are too many, the most promising plans of each state are kept: those with the most
+    information per second, by the log coefficients (N,E,U) of the percepts.
     """
     legal = diagram.dynamics.step["legal"]
     n_states, n_behaviors = legal.shape
@@ -201,7 +201,7 @@ def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def paid_tours(model: MOMDPArrays, shortest: ShortestPaths) -> Iterator[Walk]:
-    """Build tours: after every first behavior, to the best-paid first percept while it pays.
+    """Build tours, which collect percepts with a bonus as long as the bonus exceeds the cost.
 
     Of a large diagram only the first behaviors of each x that are paid most a second begin one.
     """

@@ -1,15 +1,17 @@
 """Values of open-loop plans where attributes are coupled, by a group or by a joint prior.
 
-There Pr(all values are reported rightly) is not the product of the attributes' probabilities. So
-the answer at the end of a plan is valued after each outcome, an outcome being the percepts of all
-behaviors of the plan: all outcomes are enumerated where they are few, elsewhere they are sampled.
-After an outcome the largest posterior Pr(y) is exact.
+If attributes are dependent, the probability that a report is right is not a product over
+attributes. Therefore the answer at the end of a plan is valued after each outcome, that is, after
+each combination of percepts of the plan. Few outcomes are enumerated, many are sampled. After an
+outcome, the largest posterior probability Pr(y) is computed exactly.
 
-A plan gains the mean over its outcomes of max_y b'(y) - b'(best answer now). The mean of the second
-part is b(best answer now): a plan that changes no answer gains nothing, without noise.
+The gain of a plan is the mean over its outcomes of max_y b'(y) - b'(best answer now). The mean of
+the second term is b(best answer now), so a plan that changes no answer has a gain of exactly 0,
+without noise from sampling.
 
-Sampled plans are chosen by one sample and valued by another. The largest of several estimates is
-too high on average; a second estimate of the plan that it belongs to is not.
+If outcomes are sampled, the best plan is chosen by one sample and valued by a second one. The
+largest of several estimates is too high on average; a second, independent estimate for the same
+plan is not.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""How open-loop plans are grown on a transition diagram: from percept to percept, greedily."""
+"""Greedy growth of open-loop plans on a transition diagram, from percept to percept."""
 
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
 @by_reference
 class Paths(NamedTuple):
-    """Plans that are grown, from every x, at B beliefs, to every first percept."""
+    """Grown plans from every state, for B beliefs and every first percept."""
 
     behavior: Ints  # (X,B,E,L) executed, padded by -1
     ends: NDArray[np.bool_]  # (X,B,E,L) does a prefix end here, with the percept gone for?
@@ -210,8 +210,8 @@ def grow_plans(shortest, growth, chance, begins, paths):
 
     `begins` (X,E) says to which first percepts.
 
-    To fix the first percept in turn keeps expensive first steps in play. A plan is grown until
-    nothing that could follow would pay, or it is full.
+    Every first percept is tried, so that expensive first steps are not lost. A plan grows until no
+    continuation is worth its cost, or until it has its maximum length.
     """
     longest = 1
     for x in range(paths.behavior.shape[0]):

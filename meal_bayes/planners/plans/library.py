@@ -1,28 +1,30 @@
 """The library of open-loop plans of a MOMDP, in four steps: grow, sift, compete, complete.
 
-What a plan is worth hangs on its *errors*: how often each attribute is reported wrongly after its
-percepts. The fewer errors a step reckons with, the more a plan seems worth. Steps reckon as
-precisely as they must, from the cheapest computation to the finest:
+The value of a plan depends on its *errors*: how often each attribute is reported wrongly after the
+percepts of the plan. The smaller the assumed errors, the higher the value. The four steps compute
+the errors with increasing precision and cost:
 
-- *grow* takes the fewest errors that can be, from the Bhattacharyya coefficient of the percepts:
-  values from above, so that no plan ends before what could still pay (a bound where percepts are of
-  four levels at most and independent given the truth, else an estimate);
-- *sift* takes the most errors that can be, by the same coefficient: values from below (a bound
-  where percepts are independent given the truth; with shared latent classes an estimate, and of yes
-  or no, where half of the errors are taken for misses, half for false alarms);
-- *compete* enumerates the percepts; where outcomes would be too many, those that say nearly the
-  same are merged, and levels cut to yes or no (`bayes_error.FEW_OUTCOMES`). Errors are never too
-  few: values from below again, and close ones;
-- *complete* does so once more for the winners, and for what remains of them after a percept, with
-  more outcomes (`bayes_error.OUTCOMES`). These tables are what planners read.
+- *grow* uses a lower bound on the errors, from the Bhattacharyya coefficient of the percepts.
+  Values are then too high, so no plan ends too early. (It is a bound if percepts have at most four
+  levels and are independent given the truth, and otherwise an estimate.)
+- *sift* uses an upper bound on the errors by the same coefficient, so values are too low. (It is a
+  bound if percepts are independent given the truth. With shared latent classes, and for yes-or-no
+  questions, it is an estimate; for the latter, half of the errors count as misses and half as false
+  alarms.)
+- *compete* enumerates the outcomes. If there are too many, those with similar likelihood ratios are
+  merged, and levels are reduced to yes or no (`bayes_error.FEW_OUTCOMES`). Errors are never too
+  small, so values are lower bounds again, and close ones.
+- *complete* does the same with more outcomes (`bayes_error.OUTCOMES`) for the winners and for what
+  remains of them after a percept. Planners read the resulting tables.
 
-Of a plan the library keeps what `values.PLAN` says: its first behavior and sums over all of them,
-not the sequence, as planners look again after a step.
+For each plan, the library keeps the fields of `values.PLAN`: the first behavior, and sums over all
+behaviors. It does not keep the sequence, because planners plan again after each step.
 
-Plans of a question of yes or no are grown as if its values were reported, between its least and its
-largest payoff; they are sifted, compete and are read by what yes and no earn.
+For a yes-or-no question, plans are grown as if the values of its attributes were reported, with the
+smallest and the largest payoff as rewards. The later steps use the payoffs of yes and no.
 
-A plan goes along the likeliest outcome of each behavior; what the others cost it is in `paths`.
+A plan assumes the most probable outcome of each behavior; `paths` computes the cost of the other
+outcomes.
 """
 
 import itertools
@@ -62,16 +64,17 @@ _OF_FIRST = 2  # candidates of each x and first behavior, if not among these
 def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
     """Build the plan library of a MOMDP.
 
-    1. *Grow.* For the first few of a spread of beliefs, plans are grown from every x to every first
-       percept, and percept by percept from there. They, their prefixes, and simple plans are the
-       candidates.
-    2. *Sift.* By a cheap estimate of their value the most promising go on, at every belief.
-    3. *Compete.* At all beliefs of the spread, and from every x, candidates are valued as planners
-       value them, by coarser tables; winners are kept. Every legal behavior keeps its best plan,
-       so that none is without a lower bound.
-    4. *Complete.* What remains of a winner after each of its steps joins the library: who follows a
-       plan and plans anew after a step can only gain (but for errors that are computed coarsely,
-       where rows are not known), and never puts off its end.
+    1. *Grow.* For some of a set of beliefs around the prior, plans are grown from every state, with
+       every first percept, by adding one percept at a time. These plans, their prefixes, and simple
+       plans are the candidates.
+    2. *Sift.* At every belief, the most promising candidates are kept, by a cheap estimate of their
+       values.
+    3. *Compete.* At all beliefs of the set, and from every state, candidates are valued as planners
+       value them, but by coarser tables; the winners are kept. The best plan of every legal
+       behavior is kept too, so that every behavior has a lower bound.
+    4. *Complete.* What remains of a winner after each of its steps is added to the library. A robot
+       that follows a plan and plans again after each step therefore never does worse than the plan
+       (except for coarsely computed errors if confusion matrices are uncertain).
     """
     if not model.dynamics.step["legal"].any():  # as where everything fails
         return _no_plans(momdp, model)
@@ -269,7 +272,7 @@ def _as_plans(model: MOMDPArrays, candidates: Candidates, capacity: int) -> Plan
 
 
 def retabulate(plans: Plans, model: MOMDPArrays) -> Plans:
-    """Return the plans with their errors in another MOMDP; what they cost is taken as it was."""
+    """Return the plans with their errors in another MOMDP; their costs do not change."""
     row, table = _tabulate(model, plans.observation_counts, bayes_error.OUTCOMES)
     return plans._replace(row=row, table=table)
 

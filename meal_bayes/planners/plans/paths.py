@@ -1,12 +1,13 @@
-"""Paths of plans on a transition diagram: what their steps cost, and the shortest to each percept.
+"""Paths of plans on a transition diagram: costs of their steps, and shortest paths to percepts.
 
-A behavior may have several outcomes, as a shaken object may slip. A plan follows the likeliest
-outcome of each of its behaviors. To be a policy, and its value a lower bound, it must say what
-follows another one: it goes back to where the behavior began and tries again; where no path leads
-back it answers at once. Let the behavior cost c, discount by g, and have the likeliest outcome with
-probability p, others with p_o (failures are summed out, see `momdp_arrays`). From outcome o the
-path back costs C_o and discounts what follows it by D_o, the chances L_o of getting lost on it
-being apart. With W what follows the likeliest outcome, and S an answer,
+A behavior may have several outcomes: a shaken object may slip. A plan follows the most probable
+outcome of each of its behaviors. A plan is a policy, with a value that is a lower bound, only if it
+also says what to do after another outcome. The rule is to return to the state in which the behavior
+began and to try again; if no path leads back, the robot answers at once. Let the behavior have the
+cost c, the discount factor g, the most probable outcome with probability p, and other outcomes o
+with probabilities p_o (failures are summed out, see `momdp_arrays`). From outcome o, the path back
+has the cost C_o, the discount factor D_o, and the probability L_o that it does not lead back. With
+the value W after the most probable outcome, and the value S of an answer,
 
     V = -c + g [p W + sum_o p_o (D_o V + L_o S - C_o)]    and so    V = -cost + discount W + lost S,
 
@@ -27,7 +28,7 @@ from meal_bayes.planners.momdp_arrays import Dynamics, memoized
 
 
 class PlanSteps(NamedTuple):
-    """Steps of plans, tried until the likeliest outcome comes."""
+    """Steps of plans, each repeated until its most probable outcome occurs."""
 
     target: Ints  # (X,E) x of the likeliest outcome
     senses: Bools  # (X,E) does it perceive?
@@ -38,7 +39,7 @@ class PlanSteps(NamedTuple):
 
 
 class Detours(NamedTuple):
-    """What it takes to come back to one x, from every x; it may lead round, or get lost."""
+    """Cost, discount and chance of failure of the way back to one state, from every state."""
 
     cost: Floats  # (X,) C: expected, discounted, s
     reached: Floats  # (X,) D: discounted Pr(it comes back)

@@ -1,4 +1,4 @@
-"""Open-loop feedback control: follow the best plan, look again after every step [Bertsekas2005]."""
+"""Open-loop feedback control [Bertsekas2005]: follow the best plan, and replan after each step."""
 
 from dataclasses import dataclass, replace
 
@@ -17,19 +17,19 @@ from meal_bayes.planners.solver import Decision, History, choose
 
 @dataclass(frozen=True, slots=True)
 class OpenLoop:
-    """Values every plan of a library as if no percept could change it.
+    """Planner that follows the best open-loop plan and plans again after each step.
 
-    A percept can only help, and what is left of a plan is a plan of the library: the policy is
-    worth at least the best plan, whose value is therefore a lower bound on the optimum. After an
-    outcome that is not the likeliest a plan goes back and tries again (see `paths`), or the
-    policy does better. It takes any MOMDP, and microseconds a decision. Where attributes are
-    coupled, as the values of a group are, their errors are no product: then plans are valued by
-    all percepts that may come, or by samples of them, in milliseconds.
+    The value of a plan is computed as if percepts could not change it. Planning again after a
+    percept can only improve the policy, so the value of the best plan is a lower bound on the
+    optimal value. After an outcome that is not the most probable one, a plan returns and tries
+    again (see `paths`). The planner works for any MOMDP and takes microseconds for a decision. If
+    attributes are dependent (such as values of a group), it values plans by all possible percepts,
+    or by samples of them, in milliseconds.
 
     Attributes
     ----------
     samples : int
-        Objects and percepts that are sampled to value plans of coupled attributes, 2 or more.
+        Number of sampled objects and percepts for plans about dependent attributes; at least 2.
     """
 
     samples: int = SAMPLES
@@ -42,7 +42,7 @@ class OpenLoop:
             )
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
-        """Build the plan library; nothing in it is random."""
+        """Build the library of plans, which is deterministic, and return the policy."""
         model = arrays_of(momdp)
         return OpenLoopPolicy(momdp, model, plan_library(momdp, model), self.samples)
 

@@ -1,21 +1,21 @@
 """Kernels of the value of open-loop plans: a lower bound on the optimum from any belief.
 
-A plan is worth -sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)], what
-shaping pays on the way, and what an answer is worth where the plan gets lost: costs c_k and factors
-g_k are of steps that are tried until their likeliest outcome comes (see `paths`). Errors come
-from tables where the plan's behaviors have shown nothing yet (or their rows are known), and are
-computed otherwise.
+The value of a plan is -sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 -
+err_i)], plus the exploration bonus on the way, and the value of an answer if the plan cannot
+continue. Costs c_k and discount factors g_k are those of steps that are repeated until their most
+probable outcome occurs (see `paths`). Errors are read from tables if the plan's behaviors have had
+no percept yet (or their confusion matrices are known), and are computed otherwise.
 
-Of a question of yes or no the factor on prod_k g_k is the value of asserting that all literals
-hold, or of denying it. Each attribute's percepts are taken for its literal or against it: with
-probability h_i if it holds, f_i if not (a point of the plan's ROC). The conjunction is asserted
-where all are taken to hold, and denied elsewhere. With q_i = Pr(literal i),
-Pr(assert) = prod_i (q_i h_i + (1 - q_i) f_i) and Pr(assert, right) = prod_i q_i h_i, in which the
-value is linear. So the best threshold of one attribute is in closed form where those of the others
-are held, and thresholds are improved one at a time. In
-the first round the others are taken to be known, so that what is computed then is the same for all
-plans that share a row of the table. In later rounds an attribute's best threshold follows from what
-those before it have chosen in this round, and those behind it in the last one: the order matters.
+For a yes-or-no question, the factor on prod_k g_k is the value of answering yes (all literals hold)
+or no. The percepts of each attribute accept or reject its literal: they accept it with probability
+h_i if it holds and f_i if not (a point of the plan's ROC curve). The answer is yes if all literals
+are accepted, and otherwise no. With q_i = Pr(literal i), Pr(assert) = prod_i (q_i h_i + (1 - q_i)
+f_i) and Pr(assert, right) = prod_i q_i h_i, in which the value is linear. So the best threshold of
+one attribute has a closed form if the thresholds of the others are fixed, and thresholds are
+improved one at a time. In the first round, the values of the other attributes are treated as known,
+so results are the same for all plans that share a row of the table. In later rounds, the best
+threshold of an attribute depends on the thresholds of earlier attributes from this round and of
+later attributes from the last round, so the order of the attributes matters.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,9 @@
-"""What a new node of the tree is worth, and its behaviors: by plans, or by a table.
+"""Values of new tree nodes and of their behaviors, from plans or from a table.
 
-Open-loop plans give a lower bound for any MOMDP. Where the marginals are the state (Eq. 8) and few
-enough, a table of factored value iteration estimates the optimum. `reader` reads the table; it is
-None where plans are asked. numba compiles the search once for each, without the other's code.
+Open-loop plans give a lower bound for any MOMDP. If the marginal probabilities are a sufficient
+state (Eq. 8) and there are few attributes, a table of factored value iteration estimates the
+optimal value. `reader` reads the table; it is None if plans are used. numba compiles the search
+separately for each of the two cases.
 """
 
 import numpy as np

@@ -44,7 +44,7 @@ class TreeSearch(NamedTuple):
 
 
 class Return(NamedTuple):
-    """What a simulation comes to from a step on."""
+    """Return of a simulation from a step on."""
 
     value: float
     bonus: float  # the part of it that shaping pays
@@ -69,11 +69,11 @@ class BranchOutcome(NamedTuple):
 def grow_tree(evaluator, search, reader, rng):
     """Grow a tree from its root by simulations.
 
-    A simulation descends the tree in a MOMDP sampled from the posterior, until ending is best, it
-    has taken an edge that is new, or is `DEPTH` deep. Then the edges on its way are backed up: by
-    default by the expectation over their children, and so without the simulation's own return,
-    which counts where `growing.averaged`. `reader` reads a table, or is None: see `leaves`. Returns
-    how many simulations fit the tree's capacity.
+    A simulation descends the tree in a MOMDP sampled from the posterior, until ending the trial is
+    best, a new edge is taken, or the depth is `DEPTH`. Then the values of the edges on its way are
+    updated, by default by the expectation over their children; the simulation's own return is used
+    only if `growing.averaged`. `reader` reads a table, or is None; see `leaves`. The function
+    returns how many simulations the capacity of the tree allowed.
     """
     model = evaluator.model
     scratch = evaluator.scratch

@@ -1,9 +1,10 @@
-"""What a search grows, and the MOMDPs that it draws on the way.
+"""The tree of a search, and the sampled MOMDPs of its simulations.
 
-The tree is a struct of arrays that kernels grow and a decision is read off. A sampled MOMDP has an
-object of its own: a latent class and a truth for each attribute, drawn from the belief, and for
-each behavior a row, drawn from its Dirichlet given the percepts of this trial, when the behavior is
-first executed [Katt2017, Guez2012]. Its percepts follow its rows.
+The tree is a struct of arrays, which kernels extend and from which a decision is read. Each sampled
+MOMDP has its own object: a latent class and a truth for each attribute, drawn from the belief, and
+a confusion row for each behavior, drawn from its Dirichlet distribution given the percepts of this
+trial when the behavior is first executed [Katt2017, Guez2012]. The percepts of the simulation are
+drawn from these rows.
 """
 
 from typing import NamedTuple
@@ -80,9 +81,9 @@ def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
 
 
 def standard_errors(tree: Tree) -> Floats:
-    """Compute the standard errors (E,) that averages of the root's sampled returns would have.
+    """Compute the standard errors (E,) of averages of the sampled returns at the root.
 
-    They are 0 of behaviors that no simulation has begun with.
+    The error of a behavior with which no simulation began is 0.
     """
     errors = np.zeros(tree.edge.shape[1])
     for a in np.flatnonzero(tree.edge["first"][0] >= 0):

@@ -1,9 +1,9 @@
-"""Optimal values of many problems of one attribute at once: the value of better rates.
+"""Optimal values of many single-attribute problems at once, to compute the value of better rates.
 
-Each asks the same question of the same robot with yes/no percepts of known rates (Eq. 8); only the
-rates and the prior differ. Beliefs lie on an even grid of log-odds, so a percept shifts them all by
-the same amount. The interpolation errs upwards, by about the same in all problems: differences are
-what it is for.
+All problems have the same question and robot, and yes/no percepts with known rates (Eq. 8); only
+the rates and the prior differ. Beliefs are on an even grid of log-odds, so a percept shifts all of
+them by the same amount. Interpolation makes values too high by about the same amount in all
+problems, so only differences between problems should be used.
 """
 
 from typing import NamedTuple

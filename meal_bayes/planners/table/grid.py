@@ -1,4 +1,4 @@
-"""Tables over a product grid of marginal beliefs: their axes, and values between the points."""
+"""Tables over a product grid of marginal beliefs: axes, and interpolation between grid points."""
 
 from collections.abc import Iterable, Sequence
 from itertools import zip_longest
@@ -96,9 +96,9 @@ def informative_pairs(momdp: MOMDP) -> NDArray[np.bool_]:
 def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     """Build the axis of an attribute; each level halves the steps of the last.
 
-    Points are even in log-odds around the prior, up to half of where the cheapest percept could
-    not pay any more, and half as dense beyond; 0, 1/2 (where the best report changes) and 1 are
-    points too.
+    Points are evenly spaced in log-odds around the prior, up to half of the log-odds at which even
+    the cheapest percept is not worth its cost, and half as dense beyond. The probabilities 0, 1/2
+    (where the best report changes) and 1 are grid points too.
     """
     ratio = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
     half_width = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
@@ -116,7 +116,7 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
 def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
     """Build an axis even in log-odds, as far around the prior as the sharpest percept moves it.
 
-    Beliefs between its last point and certainty are valued by a straight line, which says little.
+    Beliefs between the last point and certainty are interpolated linearly, which is imprecise.
     """
     false, true = np.clip(np.moveaxis(momdp.confusion[attribute], 1, 0), 1e-300, None)  # (E,K)
     # E |ln Pr(z | true) / Pr(z | false)| at even odds: how far a percept moves the log-odds.

@@ -1,8 +1,9 @@
-"""Factored value iteration: a certified upper bound on the optimum, and a policy that nears it.
+"""Factored value iteration: an upper bound on the optimal value, and a near-optimal policy.
 
-With attributes that are independent a priori, percepts that are independent given them (Eq. 8) and
-rows that are known, the belief stays a product of N marginals b = (b_1 .. b_N). That is solved by
-value iteration on a product grid of marginals, multilinear between the points, from above.
+If attributes are independent a priori, percepts are independent given the attributes (Eq. 8), and
+confusion matrices are known, the belief is always a product of N marginals b = (b_1 .. b_N). The
+problem is solved by value iteration on a product grid of marginals, with multilinear interpolation
+and a start from above.
 
 *The bound.* (1) What a fixed policy earns is an expectation over the truth y of something that does
 not depend on b, and Pr(y) = prod_i Pr(y_i) is linear in each b_i. So the optimum V(x, b), the
@@ -14,12 +15,12 @@ so is min(U, T I U). Started from a constant that no reward exceeds, every table
 upper bound, however coarse the grid and however few the sweeps, and tight as the grid grows.
 Bonuses of shaping are linear in each b_i; geometric failures are summed out.
 
-*The policy* takes the best behavior by one exact step ahead of a second table, or ends. On a coarse
-grid the bound promises information that is not there, and its policy puts the report off; so the
-second table, the estimate, is iterated with cubic interpolation in log-odds, which is no bound but
-much nearer the optimum.
+*The policy* chooses the best action by one exact step of look-ahead, with values from a second
+table. On a coarse grid the bound overestimates the value of information, so its own policy would
+report too late. The second table is therefore computed with cubic interpolation in log-odds. Its
+values are not bounds, but much closer to the optimal ones.
 
-What is left out of the state, and what then holds:
+The table does not cover these cases:
 
 - percepts that run out (`limit`): tables suppose that they never do, which can only raise the bound
   (unless shaping takes pay away). Once percepts have run out, open-loop plans decide.
@@ -71,22 +72,22 @@ _EVENLY = 30  # an even grid has at most this share of the points, as halving N 
 class Factored:
     """Settings of factored value iteration.
 
-    Solves up to three attributes in tenths of a second at the default, five in some seconds, on
-    a finer grid (`_FINER`).
+    With the default settings, problems with up to three attributes take tenths of a second, and
+    problems with five attributes take some seconds.
 
     Attributes
     ----------
     points : int
-        Of the grid, at most.
+        Maximum number of grid points.
     tolerance : float
-        An axis is fine enough when its refinement gains less, as a fraction of r+ - r-.
+        An axis is refined until this improves the bound by less than this fraction of r+ - r-.
     work : float
-        Multiplications, at most: 1e9 take about .25 s. Grids are then as fine as they allow.
+        Maximum number of multiplications, which limits the size of grids; 1e9 take about .25 s.
 
     Raises
     ------
     SettingsError
-        A tolerance of 0 or less, no points, or no work.
+        The tolerance is not positive, or `points` or `work` is zero.
     """
 
     points: int = 50_000
@@ -100,7 +101,7 @@ class Factored:
             raise SettingsError(f"Factored needs {needed}; found {self}.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "FactoredPolicy":
-        """Solve a MOMDP; nothing in it is random.
+        """Solve a MOMDP deterministically, and return the policy.
 
         Raises
         ------
@@ -157,9 +158,9 @@ class FactoredPolicy(ByValue):
 
     @property
     def upper_bound(self) -> float:
-        """Certified bound on the value that any policy has from the start.
+        """Upper bound on the value of any policy from the start of the trial.
 
-        It is no bound where percepts run out and shaping takes pay away for them.
+        If the number of percepts is limited and a bonus is negative, this is not a bound.
         """
         momdp = self.momdp
         ending = answer_value(momdp, initial_belief(momdp))

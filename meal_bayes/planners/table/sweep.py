@@ -1,8 +1,9 @@
-"""Bellman backups on the grid: the expectation over percepts, and sweeps over all x.
+"""Bellman backups on the grid: expectations over percepts, and sweeps over all states.
 
-As percepts of the attributes are independent and interpolation is multilinear, the expectation over
-all K^N percept vectors is a Kronecker product of N sparse matrices, applied one axis after the
-other: 2 K N multiplications a point instead of (2 K)^N.
+Percepts of different attributes are independent and interpolation is multilinear. Therefore the
+expectation over all K^N percept vectors is a Kronecker product of N sparse matrices, which are
+applied to one axis after the other. This takes 2 K N multiplications per grid point instead of (2
+K)^N.
 """
 
 from collections.abc import Sequence
