@@ -1,7 +1,7 @@
-"""What a trial needs from whoever knows: a problem, a policy, a perceiver, limits.
+"""What a trial needs from an agent's knowledge: a problem, a policy, a perceiver, limits.
 
-Two implementations know it: `HeldOut` (Algorithm 1: a percept table without the object at hand)
-and `Online` (Algorithm 2: the record of a robot that learns while it works).
+There are two implementations: `HeldOut` (Algorithm 1: a percept table without the object in the
+question) and `Online` (Algorithm 2: the experience of a robot that learns while it works).
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ _MOST_VOTES = 5  # of one side more than of the other, beyond which a belief cou
 
 
 class Fit(Protocol):
-    """What one agent knows that asks about an object."""
+    """Interface to what one agent knows when it is asked about an object."""
 
     record: Experience
     agent: Agent
@@ -38,15 +38,15 @@ class Fit(Protocol):
 
     @property
     def knowledge(self) -> Knowledge:
-        """What it has learned, without the object where that is held out."""
+        """What the agent has learned, without the object if this is held out."""
 
     @property
     def limit(self) -> NDArray[np.float64]:
-        """Percepts of each behavior that a trial can have, (E,)."""
+        """Maximum number of percepts of each behavior in a trial, (E,)."""
 
     @property
     def perceiver(self) -> Perceiver:
-        """What turns sensor data into percept levels."""
+        """The perceiver, which computes percept levels from sensor data."""
 
     @property
     def teaches(self) -> bool:
@@ -54,18 +54,18 @@ class Fit(Protocol):
 
     @property
     def expected_sizes(self) -> dict[Context, int]:
-        """Number of features of each context that a robot has to sense."""
+        """Required number of features for each behavior and modality."""
 
     def perceiving(
         self, task: Task, momdp: MOMDP, lock: AbstractContextManager[Any], on_step: OnStep
     ) -> tuple[Perceiver, OnStep]:
-        """Return what perceives a trial, and what is called after each of its steps."""
+        """Return the perceiver of a trial, and a function to call after each of its steps."""
 
     def truth(self, query: Query) -> Labels | None:
-        """Return the labels (N,) of an object that is replayed; None of a robot's object."""
+        """Return the labels (N,) of a replayed object, or None for a robot's object."""
 
     def problem(self, task: Task, limit: ArrayLike) -> MOMDP:
-        """Return the MOMDP of a task that somebody commands, as a test has it."""
+        """Return the MOMDP of a task in which a program commands the behaviors, as in a test."""
 
     def plan(
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool
@@ -77,16 +77,16 @@ class Fit(Protocol):
         task : Task
             The question and the object.
         streams : Key
-            Names the planner's random stream.
+            Key of the planner's random stream.
         limit : ArrayLike
-            (E,) or a number: percepts of each behavior that the robot can show in a trial.
+            Maximum number of percepts of each behavior in a trial, (E,) or one number.
         explore : bool
-            Plan for queries to come as well.
+            Whether to plan with an exploration bonus, for later questions.
         """
 
 
 def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bool = True) -> MOMDP:
-    """Build the MOMDP of a task without a bonus, as a test has it (Alg. 1, l. 1-4)."""
+    """Build the MOMDP of a task without a bonus, as in a test (Algorithm 1, lines 1-4)."""
     return fit.agent.model(
         task.query,
         fit.knowledge,
@@ -98,7 +98,7 @@ def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bo
 
 
 def limits_of(fit: Fit, limit: ArrayLike) -> NDArray[np.float64]:
-    """Return percepts of each behavior (E,) that a trial can have, of a robot with a limit."""
+    """Return the maximum number of percepts of each behavior (E,), given the limits of a robot."""
     behaviors = len(fit.record.domain.behaviors)
     return np.asarray(np.broadcast_to(np.minimum(limit, fit.limit), behaviors), np.float64)
 
@@ -123,7 +123,7 @@ def told_of(fit: Fit, task: Task) -> NDArray[np.float64] | None:
 
 
 def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:
-    """Solve a problem of a task by the agent's planner (Alg. 1, l. 5)."""
+    """Solve the problem of a task by the agent's planner (Algorithm 1, line 5)."""
     solver = fit.agent.planner(fit.knowledge.domain, task.query)
     return solve_checked(
         solver, momdp, stream(fit.settings.seed, "solver", fit.agent.name, *streams)
@@ -131,14 +131,14 @@ def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:
 
 
 def training_agent(agent: Agent) -> Agent:
-    """Return who runs training trials: an agent itself, unless another trains it."""
+    """Return the agent that executes training trials: the agent itself by default."""
     if agent.trained_by is None:
         return agent
     return replace(agent.trained_by, name=agent.name)
 
 
 def sampled(knowledge: Knowledge, labels: Labels) -> SampledPercepts:
-    """Return what draws percepts of objects with labels (O,P) from the tables that are known."""
+    """Return a perceiver that draws percepts from learned matrices, by labels (O,P)."""
     every = range(len(knowledge.domain.attributes))
     confusion, _ = knowledge.posterior.select(every, exact=True)
     return SampledPercepts(knowledge.domain, labels, confusion)

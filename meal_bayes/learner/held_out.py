@@ -1,4 +1,4 @@
-"""Algorithm 1: an object of a percept table is replayed, and left out of all that was learned."""
+"""Algorithm 1: replays of an object of a percept table, with knowledge from other objects only."""
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -25,9 +25,9 @@ from meal_bayes.trials import Task
 
 @dataclass(eq=False)
 class HeldOut:
-    """Knowledge of one agent about one object, of which neither recordings nor labels enter it.
+    """Knowledge of one agent for one object, learned without this object's recordings and labels.
 
-    A label that was told of an object of the table without one is training data of the others.
+    If an object of the table has no label, a label that a person gives is used for the others.
     """
 
     record: Experience
@@ -40,15 +40,15 @@ class HeldOut:
 
     @cached_property
     def labeled(self) -> PerceptTable:
-        """The table, with what was told of objects that had no label."""
+        """The percept table, with later labels of objects that had no label."""
         return labeled_table(self.record, self.table)
 
     @cached_property
     def knowledge(self) -> Knowledge:
-        """What is learned from all objects but this one, and those beside it.
+        """What is learned from all objects except this one and its alternatives.
 
-        With the labels of those beside it, the one object that answers with yes would know least of
-        other objects that do, and so expect least of itself.
+        The alternatives are the other objects of a search (`Learner.find`), whose labels must not
+        be used either.
         """
         knowledge = knowledge_without(
             self.labeled,
@@ -62,13 +62,13 @@ class HeldOut:
 
     @property
     def limit(self) -> NDArray[np.float64]:
-        """Recordings of each behavior, (E,); draws from the model do not run out."""
+        """Number of recordings of each behavior, (E,); unlimited for percepts from the model."""
         counts = replayable(self.table)[self.object_index]
         return np.where(self.settings.percepts == "recorded", counts, np.inf)
 
     @cached_property
     def perceiver(self) -> Perceiver:
-        """What shows percepts: classifiers that never saw the object, or the model itself."""
+        """The perceiver: classifiers that were trained without the object, or the model itself."""
         if self.settings.percepts == "recorded":
             return RecordedPercepts(self.labeled, self.agent.levels)
         return sampled(self.knowledge, self.labeled.labels)
@@ -80,22 +80,22 @@ class HeldOut:
 
     @property
     def teaches(self) -> bool:
-        """No: what a replay shows is recorded already."""
+        """False, because the recordings of a replay are known already."""
         return False
 
     @property
     def expected_sizes(self) -> dict[Context, int]:
-        """Nothing: a percept table shows percepts, and no features."""
+        """Empty, because a percept table contains percepts and no features."""
         return {}
 
     def perceiving(
         self, task: Task, momdp: MOMDP, lock: AbstractContextManager[Any], on_step: OnStep
     ) -> tuple[Perceiver, OnStep]:
-        """Return what perceives a trial; nothing of it is recorded."""
+        """Return the perceiver of a trial, which records nothing."""
         return self.perceiver, on_step
 
     def problem(self, task: Task, limit: ArrayLike) -> MOMDP:
-        """Return the MOMDP of a task, built once: who commands often comes back to a task."""
+        """Return the MOMDP of a task, which is built once for repeated tasks."""
         if not np.isinf(limit).all():
             return problem_of(self, task, limit)
         key = task.query, task.query.group_names
@@ -106,7 +106,7 @@ class HeldOut:
     def plan(
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool
     ) -> tuple[MOMDP, Policy]:
-        """Build and solve the problem of a task (Alg. 1, l. 1-5); replays explore nothing."""
+        """Build and solve the problem of a task (Algorithm 1, lines 1-5), without exploration."""
         momdp = problem_of(self, task, limit)
         return momdp, solve(self, task, (task.object_name, *task.query.attributes), momdp)
 

@@ -1,9 +1,9 @@
-"""Algorithm 2: what an agent makes of the record of a robot that learns while it works.
+"""Algorithm 2: what an agent learns from the experience of a robot that learns while it works.
 
-`refit` learns everything anew: classifiers, how much objects differ, how their percepts err
-together. Between refits these are constant, and a label is a conjugate update by the percepts of
-objects that no classifier has seen. What a trial shows is perceived, and recorded, by
-`RecordingPerceiver`.
+`refit` fits everything again: the classifiers, how much objects differ, and how errors of percepts
+correlate. Between two refits these are constant, and a label leads to a conjugate update of the
+posterior by the percepts of objects on which no classifier was trained. `RecordingPerceiver`
+computes and records the percepts of a trial.
 """
 
 from collections.abc import Sequence
@@ -61,13 +61,13 @@ _SAME = 0.05  # success probabilities that differ by less are not planned with a
 
 
 def chances(domain: Domain) -> NDArray[np.float64]:
-    """Return what is learned of a domain: probabilities of its effects, and of right answers."""
+    """Return the learned probabilities of the domain's effects and of right answers of people."""
     effects = [effect.probability for effect in domain.diagram.effects]
     return np.array(effects + [b.answer_accuracy for b in domain.behaviors if b.asks], float)
 
 
 class PlanKey(NamedTuple):
-    """What plans of equal questions have in common, beside what was learned."""
+    """Key of plans: questions with equal keys can share plans between two refits."""
 
     query: Query
     limits: bytes  # (E,) percepts of each behavior that a trial can have
@@ -107,7 +107,7 @@ class Online:
 
     @classmethod
     def refit(cls, record: Experience, agent: Agent, settings: LearnerSettings) -> Self:
-        """Learn everything anew from the record (Alg. 2, l. 6)."""
+        """Fit everything again from the experience (Algorithm 2, line 6)."""
         labels = views.labels_of(record, memory=agent.memory)
         sizes = views.sizes(record)
         warn_of_odd(record, sizes)
@@ -160,7 +160,7 @@ class Online:
 
     @property
     def due(self) -> bool:
-        """Whether all is to be learned anew: labels have grown, or one that was used changed."""
+        """Whether a refit is due, because there are enough new labels or a used label changed."""
         labels = views.labels_of(self.record, memory=self.agent.memory)
         used = self.labels_at_refit
         if ((used >= 0) & (labels[: len(used)] != used)).any():
@@ -176,7 +176,7 @@ class Online:
         return bool((numbers - at_refit >= np.maximum(every * at_refit, 1)).any())
 
     def update(self, rows: NDArray[np.intp]) -> None:
-        """Count instances (k,) with the labels that they have now, conjugately."""
+        """Update the posterior conjugately by k executions with their present labels."""
         domain = self.knowledge.domain
         self._cut_anew()
         self._perceive_new()
@@ -310,10 +310,11 @@ class Online:
         return np.asarray(is_trained | used[np.minimum(rows, len(self.labels_at_refit))])
 
     def perceive(self, instance: Instance) -> Labels:
-        """Return the percept levels (P,) of what was sensed; -1 unknown.
+        """Return the percept levels (P,) of an execution; -1 if there is no percept.
 
-        What a detector says holds; features of another size than learned from show nothing. A
-        recording may be replayed in many trials, and is perceived once.
+        Percepts of the robot's own detector have priority. Features of another size than those of
+        the experience give no percept. A recording that is replayed in many trials is classified
+        once.
         """
         if instance.recording < 0 or instance.percepts or instance.scores:
             return self._perceived_now(instance)
@@ -355,24 +356,24 @@ class Online:
 
     @property
     def teaches(self) -> bool:
-        """Yes: trials with a robot become experience."""
+        """True, because trials with a robot become experience."""
         return True
 
     @property
     def expected_sizes(self) -> dict[Context, int]:
-        """Number of features of each context of which there are classifiers."""
+        """Number of features of each behavior and modality for which there are classifiers."""
         known = self.perception.classifiers
         by_context = zip(self.record.domain.contexts, self.sizes.tolist(), strict=True)
         return {context: n for context, n in by_context if context[0] in known}
 
     @property
     def limit(self) -> NDArray[np.float64]:
-        """Percepts of each behavior that a trial can have, (E,): a robot may know better."""
+        """Maximum number of percepts of each behavior in a trial, (E,); robots may set another."""
         return np.full(len(self.record.domain.behaviors), np.inf)
 
     @property
     def perceiver(self) -> Perceiver:
-        """The classifiers, or draws from the learned tables in place of what came."""
+        """The perceiver: classifiers, or random draws from the learned confusion matrices."""
         drawn = self.settings.drawn
         return self.perception if drawn is None else sampled(self.knowledge_at_refit, drawn)
 
@@ -383,17 +384,17 @@ class Online:
         lock: AbstractContextManager[Any],
         on_step: OnStep,
     ) -> tuple[Perceiver, OnStep]:
-        """Return what perceives a trial, and records its steps where it is to be learned from."""
+        """Return the perceiver of a trial, which records steps if the robot learns from it."""
         recorder = RecordingPerceiver(self, task, momdp, lock, on_step)
         return recorder, recorder.record if task.learn else on_step
 
     def truth(self, query: Query) -> None:
-        """Return nothing: of a robot's object it is not known."""
+        """Return None, because the truth about a robot's object is not known."""
 
     def progress(self, task: Task, object_name: str | None = None) -> Progress:
-        """Return what has been learned so far, for a bonus; without a name, at the refit.
+        """Return what has been learned so far, from which the exploration bonus is computed.
 
-        At the refit the object is a new one.
+        Without a name, the object is a new one, and the state is that of the last refit.
         """
         e, p = self.trained_cells.shape[1:]
         at_refit = Progress(
@@ -435,7 +436,7 @@ class Online:
         )
 
     def problem(self, task: Task, limit: ArrayLike) -> MOMDP:
-        """Return the MOMDP of a task that somebody commands."""
+        """Return the MOMDP of a task in which a program commands the behaviors."""
         return problem_of(self, task, limit)
 
     def plan(
@@ -484,7 +485,7 @@ class Online:
 
 
 class RecordingPerceiver:
-    """A perceiver that records the executions of a trial, with all that was perceived."""
+    """A perceiver that records the executions of a trial with their percepts and features."""
 
     def __init__(
         self,
@@ -506,7 +507,7 @@ class RecordingPerceiver:
         self._n_recorded = int(recorded.sum())  # steps, before a restart
 
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
-        """Return percept levels of the queried attributes, (N,), -1 where nothing came of one."""
+        """Return percept levels of the queried attributes, (N,); -1 if there is no percept."""
         fit = self._fit
         domain = fit.record.domain
         spec = domain.behaviors[domain.behavior_index(instance.behavior)]
@@ -523,7 +524,7 @@ class RecordingPerceiver:
         return np.asarray(levels[domain.columns(query.attributes)], np.int8)
 
     def record(self, step: Step) -> None:
-        """Record an executed step; what was recorded before a restart is not recorded again."""
+        """Record an executed step, unless it was recorded before a restart."""
         last = self._last
         self._last = None
         if last is None and step.sensed is not None:  # before a restart, by the same classifiers
@@ -547,20 +548,20 @@ def classify(
     labels: Labels,
     sizes: views.Sizes,
 ) -> tuple[Dataset, NDArray[np.intp], Perception, NDArray[np.int64]]:
-    """Fit classifiers to instances with labels (n,P) and features of most sizes, and validate them.
+    """Fit classifiers to labeled executions, and count their percepts of held-out objects.
 
-    What a detector of the robot's own gave is learned from as it is, by no classifier.
+    Percepts of the robot's own detector are used directly, without a classifier. Labels are (n,P).
 
     Returns
     -------
     data : Dataset
-        Of the objects that were met, see `views.in_order`.
+        Recordings of the objects in the experience; see `views.in_order`.
     rows : NDArray[np.intp]
-        (k,) instances of D.
+        (k,) positions of the executions in the training set.
     perception : Perception
         The classifiers.
     counts : NDArray[np.int64]
-        (O,P,E,2,K) percepts by classifiers that never saw the object.
+        (O,P,E,2,K) percept counts by classifiers that were not trained on the object.
     """
     bare = views.percepts_given(record, agent.levels, record.no_labels) >= 0
     detected = (bare | views.detected(record))[: len(labels)]
@@ -589,9 +590,9 @@ def count_detections(
     labels: Labels,
     detections: Labels,
 ) -> None:
-    """Add what a detector said of instances with labels (n,P) to counts (O,P,E,2,K) of objects.
+    """Add percepts of a detector, for executions with labels (n,P), to counts (O,P,E,2,K).
 
-    It counts as it is, beside what classifiers of other objects said.
+    They are counted directly, together with the percepts of classifiers.
     """
     rows = {name: row for row, name in enumerate(objects)}
     row_of = np.array([rows.get(name, NONE) for name in record.objects], np.intp)
@@ -602,9 +603,9 @@ def count_detections(
 
 
 def cut_by_labels(record: Experience, labels: Labels, n_levels: int) -> NDArray[np.float64]:
-    """Return edges (P,E,K-1) between the levels of scores, by labels (n,P) of their instances.
+    """Return edges (P,E,K-1) between score levels, learned from labels (n,P) of executions.
 
-    A warning names scores that are lower where the truth is yes, once.
+    If scores are lower for true than for false objects, a warning says so once.
     """
     instances = record.instances.values
     edges, falling = cut_scores(
@@ -630,7 +631,7 @@ def cut_by_labels(record: Experience, labels: Labels, n_levels: int) -> NDArray[
 def cut_by_rank(
     record: Experience, edges: NDArray[np.float64], pairs: NDArray[np.bool_], n_levels: int
 ) -> NDArray[np.float64]:
-    """Return edges (P,E,K-1) of which those of pairs (P,E) are cut anew, by rank."""
+    """Return edges (P,E,K-1) in which those of some pairs (P,E) are replaced by quantiles."""
     edges = edges.copy()
     instances = record.instances.values
     scores = record.scores.values
@@ -644,7 +645,7 @@ def cut_by_rank(
 
 
 def levels_by(record: Experience, edges: NDArray[np.float64]) -> Labels:
-    """Return the levels (n,P) of the scores of all instances by edges (P,E,K-1); -1 none."""
+    """Return the levels (n,P) of the scores of all executions, by edges (P,E,K-1); -1 if none."""
     of_instances = edges.swapaxes(0, 1)[record.instances.values["behavior"]]
     return scored_levels(record.scores.values, of_instances)
 
@@ -656,10 +657,11 @@ def labels_used(
     detections: Labels,
     rows: NDArray[np.intp],
 ) -> Labels:
-    """Return the labels (n,P) of instances that enter the posterior by a refit; -1 none.
+    """Return the labels (n,P) of executions that a refit uses for the posterior; -1 if none.
 
-    They are those of D (rows (k,)), and of what a detector said. A label enters once: the others
-    enter later, by `Online.update`. A posterior of one's own holds what was given alone.
+    These are the labels of the training set (rows (k,)) and of percepts of a detector. Each label
+    is used once; later labels are used by `Online.update`. A posterior of the user's own contains
+    only the experience that was given to the learner.
     """
     used = np.where(detections >= 0, labels, -1)
     used[rows] = labels[rows]
@@ -675,10 +677,10 @@ def trained_cells(
     detections: Labels,
     rows: NDArray[np.intp],
 ) -> NDArray[np.bool_]:
-    """Return of which objects, behaviors and attributes (O,E,P) classifiers have seen a label.
+    """Return for which objects, behaviors and attributes (O,E,P) classifiers were trained.
 
-    What they say of these is no evidence. A posterior of one's own may come from all that was
-    given, and so counts as if they had seen that.
+    Percepts of these are not independent evidence. A posterior of the user's own may be learned
+    from everything that was given, so it is treated as if classifiers were trained on all of it.
     """
     instances = record.instances.values
     taught = np.zeros(labels.shape, np.bool_)
@@ -694,9 +696,9 @@ def trained_cells(
 def experience_of(
     record: Experience, agent: Agent, settings: LearnerSettings, apart: views.Rows = views.NO_ROWS
 ) -> tuple[NDArray[np.int64], float]:
-    """Count labeled instances and objects, (2,P,E), and those that make one unit of Eq. 10.
+    """Count labeled executions and objects, (2,P,E), and the normalizer of Eq. 10.
 
-    Instances `apart` (k,) do not count.
+    The executions `apart` (k,) are not counted.
     """
     labeled = views.labeled(record, memory=agent.memory, apart=apart)
     counted = views.labeled(record, memory=agent.memory, given=settings.count_given, apart=apart)
@@ -710,7 +712,7 @@ def fractions(
 ) -> NDArray[np.float64]:
     """Return the fractions (...,P,E,2,2) of no and yes among an object's percepts (...,P,E,2,K).
 
-    Zeros where there are none; half of each where the classifier cannot tell yet.
+    They are zero if there are no percepts, and one half each if the classifier is undecided.
     """
     sides = no_and_yes_of(counts)
     total = sides.sum(axis=-1, keepdims=True)
@@ -725,7 +727,7 @@ def fractions(
 
 
 def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
-    """Name recordings of another size than most, once."""
+    """Warn once of recordings whose size differs from that of most others."""
     odd = [text for text in views.odd_recordings(record, sizes) if text not in record.warned_of]
     if odd:
         record.warned_of.update(odd)
@@ -733,9 +735,9 @@ def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
 
 
 def warn_of_clocks(record: Experience, sizes: views.Sizes) -> None:
-    """Name features that a robot sensed and that only grow with its trials, once a modality.
+    """Warn once per modality of features whose values only increase from trial to trial.
 
-    Those of recordings were looked at when these were read.
+    Features of recordings were checked when the recordings were read.
     """
     rows = record.instances.values
     for (behavior, modality), size in zip(record.domain.contexts, sizes.tolist(), strict=True):

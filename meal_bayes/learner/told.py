@@ -1,4 +1,4 @@
-"""What people tell a learner: a row of its experience, and a message in the folder of its logs."""
+"""Labels that people give to a learner: rows of its experience, and messages in its logs."""
 
 import difflib
 import re
@@ -24,7 +24,7 @@ _ALIKE = 0.8  # of two names, at least where one may be meant by the other
 
 
 class Telling(NamedTuple):
-    """What is told of a trial, or of an object by its name, or taken back.
+    """Labels that a person gives for a trial or an object, or removes.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Telling(NamedTuple):
     labels_before : Labels
         What `views.labels_touched` was before.
     recordings : bool
-        Whether what the trial recorded is forgotten, too.
+        Whether the recordings of the trial are forgotten too.
     under_way : Mapping[Key, int]
         As of `Feedback`.
     """
@@ -47,7 +47,7 @@ class Telling(NamedTuple):
     under_way: Mapping[Key, int]
 
     def feedback(self, experience: Experience) -> Feedback | None:
-        """Return the labels that moved any of their object since then; None where none did.
+        """Return the labels of the object that changed since then; None if none did.
 
         They have not been learned from yet.
         """
@@ -62,12 +62,13 @@ class Telling(NamedTuple):
 
 
 def log_told(experience: Experience, folder: Path, entry: Feedback | Change | None) -> None:
-    """Log what was told or changed; what could not be logged before is logged first.
+    """Log labels or changes; those that could not be logged before are logged first.
 
     Raises
     ------
     LogError
-        A full disk, for example; what was told is kept, and logged with what is told next.
+        The message cannot be written, for example because the disk is full. It is kept, and logged
+        together with the next one.
     """
     if entry is not None:
         experience.unlogged.append((folder, entry))
@@ -89,7 +90,7 @@ def tell_again(
     entries: Iterable[tuple[str, Feedback]],
     on_moved: Callable[[NDArray[np.intp], bool], object] | None = None,
 ) -> None:
-    """Let an experience hold what was told, or taken back, of trials that it has and of objects.
+    """Add logged labels of trials and objects to an experience, or remove them.
 
     Parameters
     ----------
@@ -130,10 +131,10 @@ def tell_again(
 
 
 def warn_of_typo(experience: Experience, name: str) -> None:
-    """Warn of a name that no object has, if the robot has met others; name the one that is near.
+    """Warn of a label for an unknown name, and suggest the most similar known name.
 
-    Before the robot has met any, labels of objects to come are told. Names that are told apart by
-    a number, as "cup 1" and "cup 2", are meant so.
+    If the robot has not met any object yet, there is no warning, because labels may come first.
+    Names that differ by a number, such as "cup 1" and "cup 2", are different on purpose.
     """
     names = [*experience.met]
     if name in names:
@@ -164,7 +165,7 @@ def _numbered_alike(name: str, names: Iterable[str]) -> bool:
 
 
 def nothing_told(experience: Experience, name: str, key: Key, *, recordings: bool) -> SettingsError:
-    """Return what is raised where there is nothing to forget, with what there is."""
+    """Return the error for nothing to forget, which lists what can be forgotten."""
     what = "labels or recordings" if recordings else "labels"
     if key != key_of_name(name):
         return SettingsError(f"The trial of {name!r} has no {what}.")
