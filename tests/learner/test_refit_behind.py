@@ -181,7 +181,6 @@ def test_how_numpy_treats_errors_holds_for_the_refit(learner, make, monkeypatch)
     assert seen == ["raise"]
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*:DeprecationWarning")
 def test_a_forked_process_refits_itself(learner, make, gate):
     told(learner, make)
