@@ -227,7 +227,7 @@ class Query:
 
     @property
     def report_size(self) -> int:
-        """Number of truth values in a report: N, or 1 for yes or no."""
+        """Number of truth values in a report, which is N, or 1 for yes or no."""
         return len(self) if self.event is None else 1
 
     def report_index(self, report: Sequence[bool] | NDArray[np.bool_]) -> int:

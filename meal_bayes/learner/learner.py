@@ -427,7 +427,7 @@ class Learner:
             Whether the robot explores and learns from the trial. If False, the trial is a test;
             replays of a percept table always are tests.
         log : str or Path, optional
-            File for the log of the trial (.mcap). By default it is a new file in the folder of
+            File for the log of the trial (.mcap). By default the log is a new file in the folder of
             logs.
         key : str or int, optional
             Name of the random streams of the trial; equal keys and seeds give equal draws. By
@@ -1303,7 +1303,7 @@ def ask(
     on_step : Callable[[Step], None] | None
         Called after every step.
     log : str | Path | None
-        Path of the trial's log (.mcap). By default it is a new file in the folder of logs.
+        Path of the trial's log (.mcap). By default the log is a new file in the folder of logs.
     logs : str | Path | None
         Folder of logs. With None, nothing is logged unless `log` is a path.
 

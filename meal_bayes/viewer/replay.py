@@ -144,7 +144,7 @@ def write_recording(
     path : str | Path
         File to write.
     header : Mapping[str, object]
-        Settings of the run, as in the header of a log. The mapping may be empty.
+        Settings of the run, as in the header of a log. Pass an empty mapping if there are none.
     name : str
         Name of the recording in the viewer.
     only : int | None

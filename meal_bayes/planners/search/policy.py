@@ -110,7 +110,7 @@ class POMCP:
             raise SettingsError(f"POMCP has backups {_BACKUPS}; found {self.backup!r}.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "POMCPPolicy":
-        """Return the policy. It builds plans and tables when a decision first needs them."""
+        """Return the policy, which builds plans and tables when a decision first needs them."""
         return POMCPPolicy(momdp, self)
 
 
