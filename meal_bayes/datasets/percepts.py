@@ -124,7 +124,7 @@ class PerceptTable(ByValue):
     domain : Domain
         Behaviors and attributes.
     objects : tuple[str, ...]
-        (O,) names.
+        (O,) names of the objects.
     labels : NDArray[np.int8]
         (O,P) int8, 1 true, 0 false, -1 unknown.
     log_odds : NDArray[np.float16]

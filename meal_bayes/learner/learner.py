@@ -632,7 +632,7 @@ class Learner:
             Log of the trial, its unfinished draft, or a folder of logs with one interrupted trial.
             By default it is this learner's folder.
         state : str, optional
-            Present state of the robot, which must be the last state of the log. You can leave it
+            Present state of the robot, which must be the last state of the log. `state` can be left
             out if the domain has only one state.
 
         Raises
