@@ -96,7 +96,11 @@ def offline(
     settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
     compared = tuple(map(opt.agent_value, opt.comma_list(*agents))) or experiments.DEFAULT_AGENTS
     config = experiments.OfflineConfig(**settings, agents=compared)
-    # Compiled before the bar of the trials, which would stand still meanwhile.
+    # What cannot be asked is told before anything is compiled, and that is done before the bar of
+    # the trials, which would stand still meanwhile.
+    experiments.offline_tasks(
+        table, config.attributes, config.trials, config.seed, answer=config.answer
+    )
     with terminal.showing_compilation():
         experiments.warm_up(config, table.domain)
     with on_cluster(cluster), terminal.resumed("trials") as advance:
