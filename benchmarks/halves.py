@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from meal_bayes import load_dataset, load_percepts
 from meal_bayes.agents.knowledge import Knowledge, knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.datasets.percepts import classifier_levels, round_log_odds
 from meal_bayes.evaluation.statistics import resampled
 from meal_bayes.experiments import askable
 from meal_bayes.perception import Perception, fit_and_validate, fit_spaces
@@ -76,6 +75,7 @@ def measure(name: str, split: int) -> list[Row]:
 
 def percepts(data: Dataset, perception: Perception, o: int) -> NDArray[np.int64]:
     """Return what one object showed in each recording, (R,P,E,K); zeros where nothing was."""
+    table = load_percepts(data.domain.data)
     shape = data.recordings, len(data.domain.attributes), len(data.domain.behaviors), LEVELS
     shown = np.zeros(shape, np.int64)
     for e, behavior in enumerate(data.domain.behaviors):
@@ -84,7 +84,8 @@ def percepts(data: Dataset, perception: Perception, o: int) -> NDArray[np.int64]
         n = int(data.recording_counts[o, e])
         features = {m: data.features[behavior.name, m][o, :n] for m in behavior.modalities}
         classifier = perception.classifiers[behavior.name]
-        level = classifier_levels(round_log_odds(classifier.log_odds(features)), LEVELS)
+        # Percept tables keep half precision.
+        level = table.levels_of(classifier.log_odds(features).astype(np.float16), LEVELS)
         shown[:n, :, e] = level[..., None] == np.arange(LEVELS)
     return shown
 
