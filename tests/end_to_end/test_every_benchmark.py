@@ -95,6 +95,7 @@ RUNS = (
     Run("costs", "live --trials 2", DATA),
     Run("costs", "start", {"COMMANDS": {"help": ("-m", "meal_bayes", "--help")}, "DEMO": "pass"}),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
+    Run("halves", "roc36 --splits 2", {}, "recordings"),
     Run("learner", "--refits 1", REFITS),
     Run("knowing_little", "rates roc36 --seeds 0-1"),
     Run("learning", "toy 0-2 --trials 3"),

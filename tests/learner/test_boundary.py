@@ -105,8 +105,8 @@ class Silent:
         (Silent(True, 0), "expected a Decision"),
         (Silent(True, "look"), "expected a Decision"),
         (lambda domain, query: None, "expected an object with a method solve"),
-        (RandomLegal.solve, "takes domain and query"),
-        (dict, "takes domain and query|expected an object with a method solve"),
+        (RandomLegal.solve, "function of domain and query"),
+        (dict, "function of domain and query|expected an object with a method solve"),
     ],
 )
 def test_a_planner_that_plans_nothing_is_told(agent, says):

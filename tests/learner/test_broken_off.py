@@ -65,7 +65,7 @@ def test_a_callback_that_raises_ends_the_trial(dataset, make, tmp_path, step, fa
 def test_a_callback_that_drives_its_own_trial_ends_it(dataset, make, tmp_path):
     learner = make.learner(dataset, make.agent("look", "look"), logs=tmp_path)
     session = learner.begin("red", on_step=lambda _: session.observe(seen()))
-    with pytest.raises(SettingsError, match="one at a time"):
+    with pytest.raises(SettingsError, match="one call at a time"):
         session.observe(seen())
     check_over(session, learner, tmp_path, 1, "on_step error: SettingsError")
 
