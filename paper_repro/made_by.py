@@ -19,8 +19,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 SHOWING = (  # files and folders of the package
     "__init__.py", "__main__.py", "cache.py", "canvas.py", "cli", "digests.py", "errors.py",
-    "features.py", "files.py", "gym", "look.py", "processes.py", "testing", "trial_log",
-    "untrusted.py", "viewer",
+    "features.py", "files.py", "gym", "look.py", "processes.py", "testing", "threads.py",
+    "trial_log", "untrusted.py", "viewer",
     "datasets/bags.py", "evaluation/plots.py", "evaluation/posterior_report.py",
     "evaluation/report.py", "experiments/parallel.py", "experiments/store.py", "learner/card.py",
     "learner/find.py", "learner/saved.py", "learner/trial_logs.py", "learner/views.py",

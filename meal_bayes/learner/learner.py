@@ -55,11 +55,11 @@ from meal_bayes.look import holding_warnings, warn_user
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.planners.solver import MAX_STEPS
-from meal_bayes.processes import Lock
 from meal_bayes.robots import OutcomeChecker, Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
+from meal_bayes.threads import Lock
 from meal_bayes.trial_log.feedback import Change
 from meal_bayes.trial_log.file import SUFFIX
 from meal_bayes.trial_log.folder import ASK

@@ -45,7 +45,7 @@ from meal_bayes.perception.feature_spaces import (
 from meal_bayes.perception.kernel_ridge import Map, learned_widths
 from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
-from meal_bayes.processes import turn
+from meal_bayes.threads import turn
 
 Counts = NDArray[np.integer]  # of fine bins, `BIN_COUNT`
 Stored = NDArray[np.floating]  # log-odds, `STORED`

@@ -38,7 +38,7 @@ from meal_bayes.perception.feature_spaces import (
     joint_kernel,
 )
 from meal_bayes.perception.settings import PerceptionSettings
-from meal_bayes.processes import turn
+from meal_bayes.threads import turn
 
 NOISE = 0.15  # lambda of C = K + lambda I
 RIDGE = 0.5  # on the stackers' slopes
