@@ -127,11 +127,15 @@ def judged(part: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def summed(rows: list[Row], before: list[Row] | None = None) -> list[Row]:
-    """Sum up splits, or the differences of two versions by split."""
+    """Sum up splits, or the differences of two versions, by the splits that both have."""
     was = {(row["data"], row["evidence"], row["split"]): row for row in before or []}
     cells: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for row in rows:
-        earlier = was.get((row["data"], row["evidence"], row["split"]), {"gap": 0.0, "nll": 0.0})
+        earlier: Row | None = {"gap": 0.0, "nll": 0.0}
+        if before is not None:
+            earlier = was.get((row["data"], row["evidence"], row["split"]))
+        if earlier is None:
+            continue
         values = row["gap"] - earlier["gap"], row["nll"] - earlier["nll"]
         cells.setdefault((row["data"], row["evidence"]), []).append(values)
     table = []
