@@ -155,23 +155,24 @@ def finding(tables: Tables) -> str:
         "of differences on the same questions. `prior` answers by base rates, without touching "
         "the object. Declining every question earns 0."
     )
-    others = "Nowhere does another agent surely earn more."
+    others = "By the same intervals, no other agent earns more in any kind of question."
     if behind:
-        others = f"In {len(behind)} comparisons another agent surely earns more."
+        others = f"By the same intervals, another agent earns more in {len(behind)} comparisons."
     return "\n".join([f"{_where_it_leads(leads)} {others}", "", *_head(head), *lines, "", note])
 
 
 def _where_it_leads(leads: list[tuple[str, Mapping[str, Any], Mapping[str, Any]]]) -> str:
-    """Say which questions our agent surely leads in, and how long it works there."""
+    """Say in which questions our agent leads by its intervals, and how long it works there."""
     if not leads:
-        return f"In no question does `{OURS}` surely earn more than all other agents."
+        return (
+            f"By 95 % intervals, `{OURS}` earns more than all other agents in no kind of question."
+        )
     titles = "; ".join(title for title, _, _ in leads)
     ours, theirs = (", ".join(f"{pair[k]['cost_s']:.0f}" for pair in leads) for k in (1, 2))
     return (
-        f"`{OURS}` surely earns more than every other agent, and than declining every question, "
-        f"in {len(leads)} of {len(RUNS)} kinds of question ({titles}). It knows when to stop: "
-        f"there it works for {ours} s on average; `{COMPARED}`, the paper's algorithm, for "
-        f"{theirs} s."
+        f"By 95 % intervals, `{OURS}` earns more than every other agent, and than declining every "
+        f"question, in {len(leads)} of {len(RUNS)} kinds of question ({titles}). There it "
+        f"works for {ours} s on average, and `{COMPARED}`, the paper's algorithm, for {theirs} s."
     )
 
 
