@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.evaluation.learning import LearningRow, LearningSummary
     from meal_bayes.evaluation.summary import Summary
+    from meal_bayes.experiments.units import Planned
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -87,22 +88,17 @@ def offline(
     from meal_bayes import experiments
     from meal_bayes.evaluation import answer_rates, summarize
     from meal_bayes.evaluation.summary import no_better_than_prior
+    from meal_bayes.experiments.offline import plan_offline
     from meal_bayes.experiments.parallel import on_cluster
 
     how = {name: settings.pop(name) for name in _HOW}
     settings["answer"] = _answer(settings.pop("yes_no"), settings.pop("yes_no_balanced"))
     settings["payoffs"] = settings["payoffs"] or None
     perception = settings["perception"]
-    settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
+    settings["dataset"], _ = opt.table_of(settings["dataset"], root, perception)
     compared = tuple(map(opt.agent_value, opt.comma_list(*agents))) or experiments.DEFAULT_AGENTS
     config = experiments.OfflineConfig(**settings, agents=compared)
-    # What cannot be asked is told before anything is compiled, and that is done before the bar of
-    # the trials, which would stand still meanwhile.
-    experiments.offline_tasks(
-        table, config.attributes, config.trials, config.seed, answer=config.answer
-    )
-    with terminal.showing_compilation():
-        experiments.warm_up(config, table.domain)
+    _compile(plan_offline(config, logs=how["logs"]))
     with on_cluster(cluster), terminal.resumed("trials") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
         finished = experiments.run_offline(config, **how)
@@ -124,6 +120,15 @@ def offline(
     if no_better:
         terminal.say(no_better)
     terminal.note(f"trials in {finished.folder}")
+
+
+def _compile(planned: "Planned") -> None:
+    """Compile what a run needs, before the bar of its trials, which would stand still meanwhile.
+
+    A run is planned before, so that what cannot be asked is told before anything is compiled.
+    """
+    with terminal.showing_compilation():
+        planned.warm_up()
 
 
 def _answer(yes_no: bool, balanced: bool) -> str:
@@ -272,9 +277,9 @@ def online(
     The command downloads the recordings once, or reads them from MEAL_BAYES_DATA_URL. If a run was
     interrupted, the same command continues it.
     """
-    from meal_bayes.domain import load_domain
     from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
-    from meal_bayes.experiments import OnlineConfig, run_online, warm_up
+    from meal_bayes.experiments import OnlineConfig, run_online
+    from meal_bayes.experiments.online import plan_online
     from meal_bayes.experiments.parallel import on_cluster
 
     # Options of how to run are no settings of what is run: they do not name the folder.
@@ -284,8 +289,7 @@ def online(
     if agents:
         settings["agents"] = tuple(map(opt.agent_value, opt.comma_list(*agents)))
     config = OnlineConfig(**settings)
-    with terminal.showing_compilation():
-        warm_up(config, load_domain(config.dataset))
+    _compile(plan_online(config, logs=how["logs"]))
     with on_cluster(cluster), terminal.resumed("batches") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
         repeats = min(_FIRST_LOOK, config.repeats) if until_decided else config.repeats
