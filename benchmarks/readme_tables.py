@@ -103,8 +103,8 @@ by question and agent"></picture>"""
 def online_table(kept: Kept) -> str:
     """Make the table of agents that learn while they work."""
     head = ["agent", "accuracy", "reward", "ECE"]
-    head += ["reward less the first's over H hours", "after the last batch"]
-    lines = [f"Of `{kept['command']}`:", "", *_head(head)]
+    head += ["reward minus the first row's, over H hours", "the same, after the last batch"]
+    lines = [f"Results of `{kept['command']}`:", "", *_head(head)]
     first, *_ = kept["rows"]  # with which the others are compared
     for row in kept["rows"]:
         cells = [row["agent"], _number(row["accuracy_after"], 3), _number(row["reward_after"], 1)]
@@ -152,8 +152,8 @@ def finding(tables: Tables) -> str:
     note = (
         "Rewards and costs are seconds, and the reward is net of the cost; *wrong* is the share of "
         "wrong answers among the questions that were answered. Brackets are 95 % intervals, those "
-        "of differences on the same questions. `prior` answers by base rates, without touching "
-        "the object. Declining every question earns 0."
+        "of differences on the same questions. `prior` answers by base rates, without executing "
+        "any behavior. Declining every question earns 0."
     )
     others = "By the same intervals, no other agent earns more in any kind of question."
     if behind:
@@ -171,8 +171,9 @@ def _where_it_leads(leads: list[tuple[str, Mapping[str, Any], Mapping[str, Any]]
     ours, theirs = (", ".join(f"{pair[k]['cost_s']:.0f}" for pair in leads) for k in (1, 2))
     return (
         f"By 95 % intervals, `{OURS}` earns more than every other agent, and than declining every "
-        f"question, in {len(leads)} of {len(RUNS)} kinds of question ({titles}). There it "
-        f"works for {ours} s on average, and `{COMPARED}`, the paper's algorithm, for {theirs} s."
+        f"question, in {len(leads)} of {len(RUNS)} kinds of question ({titles}). In these, the "
+        f"behaviors of `{OURS}` take {ours} s on average, and those of `{COMPARED}`, the paper's "
+        f"algorithm, {theirs} s."
     )
 
 
@@ -188,7 +189,7 @@ def beliefs_table(kept: Kept) -> str:
     }
     columns = [(name, model) for name in ("roc36", "ispy32", "cy101") for model in BELIEVED]
     head = ["belief after", *(f"{name.upper()}, {BELIEVED[model]}" for name, model in columns)]
-    lines = [f"Of `{kept['command']}`, NLL and (ECE):", "", *_head(head)]
+    lines = [f"NLL, and in parentheses ECE, by `{kept['command']}`:", "", *_head(head)]
     for evidence, words in EVIDENCE.items():
         cells = [words]
         for column in columns:
@@ -200,11 +201,11 @@ def beliefs_table(kept: Kept) -> str:
 
 def answers_table(kept: Kept) -> str:
     """Make the table of what our agent says of its answers, and how often they are right."""
-    head = ["question", "answers of questions", "says", "is right", "says too much"]
-    lines = [f"Of `{kept['command']}`:", "", *_head(head)]
+    head = ["question", "answered", "mean Pr(right)", "fraction right", "difference"]
+    lines = [f"Results of `{kept['command']}`:", "", *_head(head)]
     for row in kept["rows"]:
         cells = [
-            f"{row['dataset'].upper()}, {row['attributes']} asked",
+            question({"answer": "values", **row}),
             f"{row['answered']} of {row['trials']}",
             _number(row["says"], 3),
             _number(row["right"], 3),
