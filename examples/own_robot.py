@@ -5,11 +5,11 @@ import meal_bayes as mb
 rng = np.random.default_rng(0)
 
 
-class Arm:  # a driver, which only pretends: a full blue cup stands on the table
+class Arm:  # a simulated driver: a full blue cup stands on the table
     def start(self):
         return "table"
 
-    def execute(self, behavior):  # the next state and, unless it failed, features by modality
+    def execute(self, behavior):  # return the next state and, if it succeeded, the features
         if behavior == "look":
             return mb.Outcome("table", {"camera": rng.normal([40, 60, 190], 50)})
         if behavior == "lift" and rng.random() < 0.9:

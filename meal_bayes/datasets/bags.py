@@ -293,15 +293,15 @@ def _windows(
 def save_recordings(
     domain: Domain, report: BagReport, folder: str | Path, labels: str | Path | None = None
 ) -> None:
-    """Write recordings as the folder that `load_dataset` reads, whole or not at all.
+    """Write recordings as a folder that `load_dataset` reads; after an error, write nothing.
 
-    `labels` is a `labels.csv` of the objects; an object that it lacks is of unknown labels. A
-    behavior and modality without a recording is a `DataError`, a folder that is there already an
-    `OutputError`.
+    `labels` is a file with the labels of the objects; labels of other objects are unknown. If a
+    behavior and modality has no recording, the function raises a `DataError`; if the folder
+    exists, an `OutputError`.
     """
     folder = checked_path("The folder", folder)
     if folder.exists():
-        raise OutputError(f"{folder} exists already; remove it, or give another --out.")
+        raise OutputError(f"{folder} exists already; remove it, or name another folder.")
     names = list(dict.fromkeys(one.object_name for one in report.executions))
     known: dict[str, Any] = {}
     if labels is not None:

@@ -28,11 +28,16 @@ def check_robot(
 ) -> None:
     """Check the driver of a robot. **The robot moves:** it executes `trials` x `steps` behaviors.
 
-    In each trial it executes legal behaviors, those that were executed least often first. States
-    must be the domain's, and follow its diagram; features must be finite numbers, of the behavior's
-    modalities and always of the same size; percepts of a detector name attributes or groups;
-    answers must come of behaviors that ask; what was
-    returned must not change afterwards; and a behavior that senses must yield a percept some time.
+    In each trial, the check executes behaviors that are legal in the present state, and prefers
+    those that it has executed least often. The driver passes if all of the following hold:
+
+    - States are states of the domain, and transitions are those of its diagram.
+    - Features are finite numbers, belong to a modality of the behavior, and have the same size in
+      all executions.
+    - Percepts of a detector name attributes or groups of the domain.
+    - Only behaviors that ask a person return answers.
+    - An outcome does not change after it was returned.
+    - A behavior with modalities yields a percept at least once in its first successful executions.
 
     Parameters
     ----------
