@@ -1,9 +1,9 @@
-"""Figures from data frames: a run of trials, drawn with pandas and with our own plots.
+"""Draw figures of an experiment from data frames, with pandas and with the package's plots.
 
     python examples/figures.py
 
-Writes figures/cost.png (share of trials over their cost), figures/accuracy.png (by attribute) and
-figures/calibration.png (what beliefs are worth).
+The program writes figures/cost.png (cumulative share of trials by cost), figures/accuracy.png (by
+attribute) and figures/calibration.png (how well calibrated the beliefs are).
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ AGENTS = ("random_legal", "predefined_plus", "greedy")
 
 
 def main(trials: int = 60, folder: str | Path = "figures", logs: str | Path = "logs") -> None:
-    """Run three agents on the same queries about ROC36's objects, and draw what came of it."""
+    """Run three agents on the same queries about ROC36's objects, and draw the results."""
     config = mb.OfflineConfig("roc36", attributes=2, trials=trials, agents=AGENTS)
     run = mb.run_offline(config, logs=logs)
     print(mb.summarize(run.trials()).to_frame()[["agent", "accuracy", "cost_s", "reward"]])

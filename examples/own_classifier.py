@@ -1,11 +1,11 @@
-"""A classifier of one's own perceives: any of scikit-learn's, left out object by object by us.
+"""Compare scikit-learn classifiers with those of the package, on held-out objects.
 
     python examples/own_classifier.py
     meal-bayes data percepts --dataset kitchen.toml --root recordings \
         --classifier sklearn.ensemble:RandomForestClassifier --out kitchen.npz
 
-Made-up recordings stand in for a robot's. What is learned never saw the object it is asked about:
-neither the classifier, nor what calibrates it.
+The recordings are synthetic. Neither the classifier nor its calibration was trained on the object
+in the question.
 """
 
 import numpy as np
@@ -25,11 +25,11 @@ CLASSIFIERS = {
 
 
 def main(objects: int = 40) -> None:
-    """Compare three classifiers on objects that they never saw, and ask with the last."""
+    """Compare three classifiers on held-out objects, and ask a question with the last one."""
     rng = np.random.default_rng(0)
     domain = mb.load_domain("toy")
     recordings = make_synthetic(domain, objects=objects, recordings=3, signal=6.0, rng=rng)
-    print(f"{'base':<10} log-loss {np.log(2):.3f}")  # of saying nothing
+    print(f"{'base':<10} log-loss {np.log(2):.3f}")  # of always predicting one half
     for name, classifier in CLASSIFIERS.items():
         table = mb.build_percept_table(recordings, classifier=classifier)
         right = np.where(table.labels == 1, 1, -1)[:, None, None] * table.log_odds

@@ -1,10 +1,10 @@
-"""A planner of one's own, compared with the shipped agents on the recordings of real robots.
+"""A planner of your own, compared with the package's agents on the recordings of a real robot.
 
     python examples/own_planner.py
     meal-bayes run offline --dataset roc36 --trials 20 --agent morc,own_planner:Cautious
 
-(the second in the folder of this file). A planner is an object with a method `solve`; its policy
-has a method `decide`. The observation model, the prior and the logs are those of `bayes`.
+Run the second command in the folder of this file. A planner is an object with a method `solve`; its
+policy has a method `decide`. The observation model, the prior and the logs are those of `bayes`.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from meal_bayes.testing import check_solver
 
 @dataclass
 class Cautious:
-    """Execute what is legal and was not tried, the cheapest first; report once it is sure."""
+    """Execute the cheapest legal behavior that was not tried yet, and report when sure."""
 
-    sure: float = 0.95  # Pr(the report is right)
-    patience: int = 12  # behaviors
+    sure: float = 0.95  # probability of the report at which the planner stops
+    patience: int = 12  # maximum number of behaviors
 
     def solve(self, momdp, rng):
         return CautiousPolicy(self, momdp)  # a new one for each problem
