@@ -2,7 +2,7 @@
 
     python examples/figures.py
 
-The program writes figures/cost.png (cumulative share of trials by cost), figures/accuracy.png (by
+The program writes figures/cost.png (fraction of trials up to each cost), figures/accuracy.png (by
 attribute) and figures/calibration.png (how well calibrated the beliefs are).
 """
 
