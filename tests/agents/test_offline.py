@@ -193,7 +193,7 @@ PLAN_AS_BAYES = [name for name in AGENTS if "bayes" in name and name != "bayes"]
 
 
 @pytest.mark.quick(4)
-@pytest.mark.parametrize("trials", [4, pytest.param(96, marks=pytest.mark.long)])
+@pytest.mark.parametrize("trials", [4, pytest.param(48, marks=pytest.mark.long)])
 @pytest.mark.parametrize("signal", [0.0, 2.0])
 @pytest.mark.parametrize("name", AGENTS)
 def test_nothing_illegal_is_commanded(make, name, signal, trials):
