@@ -1,9 +1,10 @@
-"""Belief about the confusion matrices Theta.
+"""Posterior of the confusion matrices Theta.
 
-In: confusion counts, of all objects together or object by object. Out: `ConfusionPosterior`, whose
-`select` returns the two arrays (mean rows and their precision) that planning needs. Percepts of one
-object depend on its `trait`. Modules that draw, check and save are loaded when they are used:
-`draws`, `checks`, `hierarchical` (PyMC), `idata` (ArviZ).
+The input is confusion counts, of all objects together or of each object. The output is a
+`ConfusionPosterior`, whose method `select` returns the two arrays that planning needs: mean rows
+and their precision. `trait` models that the percepts of one object are dependent. The modules that
+draw from a posterior, check it or save it are imported when they are used: `draws`, `checks`,
+`hierarchical` (PyMC), `idata` (ArviZ).
 """
 
 from meal_bayes.posterior.dirichlet import ConfusionPosterior

@@ -1,8 +1,8 @@
-"""Checks of a posterior by the data it comes from: predicted percepts, held-out beliefs.
+"""Checks of a posterior with the data it comes from: predicted percepts, held-out beliefs.
 
-ArviZ compares models by the log-likelihood of cases under each draw: a case is an object's percepts
-of one attribute, of all behaviors together, so that models with dependent percepts can be compared
-with models without. Its rows theta are integrated out.
+ArviZ compares models by the log-likelihood of cases under each draw. A case is all percepts of one
+attribute of one object, by all behaviors, so that models with and without dependent percepts can be
+compared. The object's own rows theta are integrated out.
 """
 
 from collections.abc import Sequence
@@ -23,10 +23,16 @@ Beliefs = dict[str, tuple[Floats, Bools]]  # Pr(true), beside the truth
 
 
 class Prediction(NamedTuple):
-    """Numbers of "yes" among the n percepts that most objects have, observed and predicted.
+    """How many percepts say yes, observed and predicted, for objects with the usual number n.
 
-    Cases (object, attribute, behavior) by truth and number of yes, observed (2,n+1) and of S
-    replicates (S,2,n+1); and the fraction (2,) of replicates that vary at least as much.
+    Attributes
+    ----------
+    observed : Ints
+        (2,n+1) number of (object, attribute, behavior) by truth and number of yes.
+    predicted : Ints
+        (S,2,n+1) the same for S replicates.
+    p_values : Floats
+        (2,) fraction of replicates whose variance is at least the observed one.
     """
 
     observed: Ints
@@ -35,9 +41,9 @@ class Prediction(NamedTuple):
 
 
 def predictive_check(draws: xr.Dataset, counts: ArrayLike, rng: np.random.Generator) -> Prediction:
-    """Compare the numbers of "yes" of each object with those predicted of new objects.
+    """Compare how often percepts of each object say yes with predictions for new objects.
 
-    The draws come from counts (O,P,E,2,K). Pairs that tell nothing are left out.
+    The draws come from counts (O,P,E,2,K). Uninformative pairs are left out.
     """
     sensed = np.asarray(counts)
     number = sensed.sum(axis=-1)
@@ -62,13 +68,26 @@ def _yes(counts: Ints, full: Bools, n: int) -> tuple[Ints, Floats]:
 
 
 def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 400) -> Beliefs:
-    """Compute Pr(true) of each object's attributes, learned without the object, beside its truth.
+    """Compute Pr(true) for the attributes of each object, learned without the object.
 
-    Of "each" (n,) behavior after all its recordings, and after all recordings "together" (m,).
-    Draws are weighted by 1 / Pr(the object's percepts | truth, draw), which removes the object from
-    the posterior, up to the error of importance sampling: it is largest for objects that surprise a
-    small data set. The prior is the base rate of the others. Pairs that tell nothing are left out.
-    Of the draws, which come from counts (O,P,E,2,K), `size` are taken evenly.
+    The posterior without an object is approximated by importance sampling: draws are weighted by
+    1 / Pr(percepts of the object | truth, draw). The error is largest for unusual objects in small
+    data sets. The prior is the base rate of the other objects. Uninformative pairs are left out.
+
+    Parameters
+    ----------
+    draws : xr.Dataset
+        Draws from the posterior given the counts.
+    counts : ArrayLike
+        (O,P,E,2,K) percepts of each object.
+    size : int
+        Number of draws that are used, evenly spaced.
+
+    Returns
+    -------
+    dict[str, tuple[Floats, Bools]]
+        Pr(true) and truth: under "each" (n,) after all recordings of one behavior, under "together"
+        (m,) after all recordings of all behaviors.
     """
     sensed = np.asarray(counts)
     by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
@@ -109,21 +128,26 @@ def _log_ratio(scores: Floats, truth: Bools, epsilon: Floats) -> Floats:
 
 
 def _misperceived(by_truth: Floats, by_other: Floats, epsilon: Floats) -> Floats:
-    """Compute ln Pr(percepts), of which a share epsilon of objects shows the other truth's.
+    """Compute ln Pr(percepts) if a fraction epsilon of the objects has the other truth's rows.
 
-    It is ln((1 - eps) e^by_truth + eps e^by_other), as `hierarchical.build_model` fits it; objects
-    are drawn so by `predict_yes` and `draws.replicate`, and a fit is summarized so for agents by
-    `draws.summarize_draws`.
+    The result is ln((1 - eps) e^by_truth + eps e^by_other). The same model is used by
+    `hierarchical.build_model`, `predict_yes`, `draws.replicate` and `draws.summarize_draws`.
     """
     with np.errstate(divide="ignore"):  # ln 0, where no object is misperceived
         return np.asarray(np.logaddexp(np.log1p(-epsilon) + by_truth, np.log(epsilon) + by_other))
 
 
 class Cases(NamedTuple):
-    """The percepts of one attribute of one object, whose label is known: U cases.
+    """The U cases: all percepts of one attribute of one object with a known label.
 
-    Names (U,) are "object: attribute"; attributes (U,) columns; counts (U,E,K) those of the
-    behaviors that sense.
+    Attributes
+    ----------
+    names : list[str]
+        (U,) "object: attribute".
+    attribute, truth : NDArray[np.intp]
+        (U,) positions of the attributes, and their truth values.
+    counts : Ints
+        (U,E,K) percepts by the behaviors that sense.
     """
 
     names: list[str]
@@ -133,7 +157,7 @@ class Cases(NamedTuple):
 
     @property
     def yes(self) -> xr.DataArray:
-        """How many percepts of each case say yes, (U,)."""
+        """Number of percepts of each case that say yes, (U,)."""
         return xr.DataArray(yes_of(self.counts).sum(axis=1), {"case": self.names})
 
 
@@ -147,9 +171,10 @@ def cases_of(counts: ArrayLike, objects: Sequence[str], attributes: Sequence[str
 
 
 def pointwise_log_likelihood(draws: xr.Dataset, cases: Cases) -> xr.Dataset:
-    """Compute ln Pr(percepts of a case | draw), nats, (chain, draw, case), rows integrated out.
+    """Compute ln Pr(percepts of a case | draw) in nats, (chain, draw, case), rows integrated out.
 
-    It is called `yes`, as what is observed and predicted, so that ArviZ puts the three together.
+    The variable has the name `yes`, like the observed and the predicted data, because ArviZ matches
+    the three by name.
     """
     mean, s, epsilon = rows_of(draws)
     evidence = np.zeros((len(mean), len(cases.names), 2))  # of each truth
@@ -169,10 +194,10 @@ def pointwise_log_likelihood(draws: xr.Dataset, cases: Cases) -> xr.Dataset:
 
 
 def predict_yes(draws: xr.Dataset, cases: Cases, rng: np.random.Generator) -> xr.Dataset:
-    """Draw how many percepts say yes of new objects in place of the cases', (chain, draw, case).
+    """Draw how many percepts say yes for new objects like the cases, (chain, draw, case).
 
-    Each draw makes a row theta ~ Dirichlet(s m) for each behavior, of which only Pr(yes) matters;
-    a misperceived object shows the other truth's rows.
+    Each draw makes a row theta ~ Dirichlet(s m) for each behavior; only its Pr(yes) is needed. A
+    misperceived object has the rows of the other truth.
     """
     mean, s, epsilon = rows_of(draws)
     number = cases.counts.sum(axis=2)  # (U,E)
@@ -195,8 +220,9 @@ def _by_case(values: ArrayLike, draws: xr.Dataset, cases: Cases) -> xr.Dataset:
 def log_likelihood(counts: Floats, mean: Floats, precision: Floats) -> Floats:
     """Compute the log-probability (...,P,E) of a sequence of percepts with counts (...,P,E,K).
 
-    Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E), or what broadcasts with
-    the counts; inf takes percepts as independent (Eq. 8).
+    The distribution is Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E), or
+    arrays that broadcast with the counts. With an infinite precision, percepts are independent
+    (Eq. 8).
     """
     independent = np.isinf(precision)
     s = np.where(independent, 1.0, precision)

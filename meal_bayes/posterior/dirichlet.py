@@ -1,4 +1,4 @@
-"""The posterior of the confusion matrices Theta: one Dirichlet a row, conjugate and closed-form."""
+"""The posterior of the confusion matrices Theta: one conjugate Dirichlet distribution per row."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 from meal_bayes.posterior.spike import probability_of_telling
 
 _DIMENSIONS = 4  # (P,E,2,K)
-_LEFT = 0.02  # of a level's weight, where an object is taken out
+_LEFT = 0.02  # fraction of a level's weight that remains if an object's percepts are removed
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class ConfusionPosterior(ByValue):
     Row t of a confusion matrix holds the probabilities of the percept levels (classifier outputs
     from no to yes) if the attribute's truth is t. `from_counts` treats all percepts as independent,
     as the paper does. `from_objects` models that each object has its own confusion matrix, so that
-    repeated percepts of one object tell less. A "pair" is an attribute and a behavior.
+    repeated percepts of one object are less informative. A "pair" is an attribute and a behavior.
 
     Attributes
     ----------
@@ -79,8 +79,8 @@ class ConfusionPosterior(ByValue):
             telling.shape == shape[:2] and (telling >= 0).all() and (telling <= 1).all()
         ):
             raise SettingsError(
-                f"telling must be probabilities of shape {shape[:2]}, of the pairs that were "
-                f"counted; found shape {telling.shape}."
+                f"telling must be probabilities of shape {shape[:2]} (attributes, behaviors); "
+                f"found shape {telling.shape}."
             )
         for name in ("concentration", "dispersion"):
             values = getattr(self, name)
@@ -152,9 +152,9 @@ class ConfusionPosterior(ByValue):
         return cls(total, concentration, dispersion, given_prior, telling)
 
     def believe(self, given: NDArray[np.bool_]) -> Self:
-        """Return the posterior in which given pairs (P,E) use percepts of the robot's own detector.
+        """Return the posterior in which the pairs `given` (P,E) have the prior of a detector.
 
-        Pairs that have counts or are marked already do not change until the next fit.
+        Pairs that already have counts or this prior do not change until the next fit.
         """
         new = given & ~self.given & ~self.counts.any(axis=(2, 3))
         if not new.any():
@@ -225,7 +225,7 @@ class ConfusionPosterior(ByValue):
             (P,E,2,K) counts of the same object that were added before; leave it out for a new
             object.
         """
-        # What the object's percepts are worth now replaces what they were worth before.
+        # Subtract the weight of the object's earlier percepts, add that of all its percepts.
         final = np.asarray(counts, dtype=float)
         counted = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
         gained = _effective(final, self.dispersion) - _effective(counted, self.dispersion)
@@ -242,8 +242,8 @@ class ConfusionPosterior(ByValue):
         """Return rows (U,2,K) and precision of U pairs without the percepts of one object.
 
         The dispersion and the probability that a pair is informative do not change. The prior
-        changes only if you pass how it was learned. At least 2 % of the weight of each level
-        remains, because the prior has a part of the weight.
+        changes only if you pass `prior`. At least 2 % of the weight of each level remains, because
+        the prior contributes to the weight.
 
         Parameters
         ----------
@@ -286,7 +286,7 @@ class ConfusionPosterior(ByValue):
         informative = self.informative[picked]
         telling = np.where(informative, 1.0 if self.telling is None else self.telling[picked], 0.0)
         mean = _mean(self.concentration[picked], telling)
-        # Rows of unequal precision would inform by how repeats agree.
+        # With unequal precisions, the agreement of repeated percepts would be informative.
         shared = precision.min(axis=2, keepdims=True)
         precision = np.where(informative[..., None], precision, shared)
         if exact:
@@ -295,9 +295,9 @@ class ConfusionPosterior(ByValue):
 
 
 def _effective(counts: NDArray[Any], dispersion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the independent percepts that those of one object are worth.
+    """Return numbers of independent percepts with the same information as those of one object.
 
-    The rule of `grid.worth_of_percept`, divided by s, as here it may be inf.
+    This is the rule of `grid.worth_of_percept`, in a form that allows an infinite s.
     """
     per_percept = 1 / dispersion[..., None]
     weight = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
@@ -307,7 +307,7 @@ def _effective(counts: NDArray[Any], dispersion: NDArray[np.float64]) -> NDArray
 def _mean(
     concentration: NDArray[np.float64], telling: NDArray[np.float64] | None
 ) -> NDArray[np.float64]:
-    """Return mean rows (...,2,K), and with the rest of Pr(a pair tells) (...) the pooled row."""
+    """Return mean rows (...,2,K), mixed with the row of both truths by `telling` (...)."""
     rows = concentration / concentration.sum(axis=-1, keepdims=True)
     if telling is None:
         return np.asarray(rows)

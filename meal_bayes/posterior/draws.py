@@ -1,9 +1,9 @@
 """Draws of the rows of Theta and of their dispersions, from the grid or from NUTS.
 
-Draws are a data set of xarray, what ArviZ calls the group `posterior`: `mean` (chain, draw,
-attribute, behavior, truth, level), `dispersion` without the level and, where the model has one,
-`misperception` (chain, draw). Only behaviors that sense have rows in it. Whatever they come from,
-the same functions summarize them as a `ConfusionPosterior`, and predict new percepts.
+Draws are an xarray data set, which ArviZ calls the group `posterior`. It has the variables `mean`
+(chain, draw, attribute, behavior, truth, level), `dispersion` (the same without the level) and, in
+some models, `misperception` (chain, draw). Only behaviors that sense have rows. The same functions
+summarize draws of all methods as a `ConfusionPosterior` and predict new percepts from them.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,8 @@ from meal_bayes.posterior.grid import (
 TRUTHS = ("false", "true")
 ROW = ("attribute", "behavior", "truth")
 _FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
-_RAREST = 1e-12  # probability of a level, which an own model may hold for impossible
-# Observations that a row's prior is worth, where draws are as far apart as can be, or equal.
+_RAREST = 1e-12  # smallest probability of a level; a user's own model may give 0
+# Smallest and largest sum of a row's Dirichlet parameters: draws that differ most, or are equal.
 _WEIGHTS = 1e-3, AS_INFINITE
 _FINER = 8  # points for each of the grid's, where m is drawn
 
@@ -42,10 +42,20 @@ CHAINS = 4
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How many `draws` of each chain; by NUTS after `tune` steps, `jobs` chains at a time.
+    """Settings of drawing. The options of `meal-bayes posterior` have the same defaults.
 
-    As many as there are processors where `jobs` is None; draws repeat under their `seed`. The
-    options of `meal-bayes posterior` (`cli/posterior.py`) have the same defaults.
+    Attributes
+    ----------
+    draws : int
+        Number of draws of each chain.
+    tune : int
+        Number of steps of NUTS before the draws.
+    chains : int
+        Number of chains.
+    jobs : int | None
+        Number of chains that run at the same time; by default, that of the processors.
+    seed : int
+        Seed of the draws.
     """
 
     draws: int = DRAWS
@@ -65,7 +75,7 @@ def draws_of(
     dispersion: ArrayLike,
     misperception: ArrayLike | None = None,
 ) -> xr.Dataset:
-    """Name the dimensions of C chains of S draws: m (C,S,P,E,2,K), s (C,S,P,E,2), epsilon (C,S)."""
+    """Build a data set of C chains of S draws: m (C,S,P,E,2,K), s (C,S,P,E,2), epsilon (C,S)."""
     chains, size, *_, levels = np.shape(mean)
     dims = ("chain", "draw", *ROW)
     variables = {"mean": ((*dims, "level"), mean), "dispersion": (dims, dispersion)}
@@ -77,7 +87,10 @@ def draws_of(
 
 
 def rows_of(draws: xr.Dataset) -> tuple[Floats, Floats, Floats]:
-    """Return m (C*S,P,E,2,K), s (C*S,P,E,2) and epsilon (C*S,), 0 without one, chain by chain."""
+    """Return m (C*S,P,E,2,K), s (C*S,P,E,2) and epsilon (C*S,), chain by chain.
+
+    epsilon is 0 if the draws have no misperception.
+    """
     mean = np.maximum(draws["mean"].values, _FLOOR)
     s = draws["dispersion"].values
     epsilon = draws["misperception"].values if "misperception" in draws else np.zeros(s.shape[:2])
@@ -87,17 +100,26 @@ def rows_of(draws: xr.Dataset) -> tuple[Floats, Floats, Floats]:
 def summarize_draws(
     draws: xr.Dataset, counts: ArrayLike, telling: Floats | None = None
 ) -> ConfusionPosterior:
-    """Summarize draws for agents, given the counts (O,P,E',2,K) that they were drawn from.
+    """Summarize draws for agents, given the counts (O,P,E',2,K) from which they were drawn.
 
-    A row keeps its mean, the mean's variance (A, by sum_k m_k (1 - m_k) / (A + 1)), and the
-    predictive of a second percept equal to the first (s, as on the grid). Where a fraction
-    epsilon of objects shows the other truth's row, it is mixed into the row. Where the draws are of
-    pairs that tell something, `telling` (P,E') is the probability that they do, see
-    `posterior.spike`; None believes the draws as they are.
+    Three quantities of a row are preserved: its mean; the variance of its mean, which determines
+    A by sum_k m_k (1 - m_k) / (A + 1); and the probability that a second percept equals the first,
+    which determines s. If a fraction epsilon of the objects shows the row of the other truth, this
+    row is mixed in.
+
+    Parameters
+    ----------
+    draws : xr.Dataset
+        Draws of means and dispersions.
+    counts : ArrayLike
+        (O,P,E',2,K) percepts of each object.
+    telling : Floats, optional
+        (P,E') probability that each pair is informative, if the draws are for informative pairs
+        (see `posterior.spike`). By default, the draws are used as they are.
     """
     whole = ConfusionPosterior.from_objects(counts)
     m, s, misperceived = rows_of(draws)
-    m = np.maximum(m, _RAREST)  # a row of one's own may be exactly 0 and 1
+    m = np.maximum(m, _RAREST)  # a row of a user's model may be exactly 0 and 1
     m = m / m.sum(axis=-1, keepdims=True)
     alike = np.isinf(s)  # objects: their percepts differ as those of two objects do
     finite = np.where(alike, 1.0, s)
@@ -144,7 +166,7 @@ def draw_grid(
 ) -> xr.Dataset:
     """Draw independently from the posterior that `ConfusionPosterior.from_objects` summarizes.
 
-    Exact for two levels, up to the grid's steps (see `grid.grid_posterior`).
+    For two levels, the draws are exact up to the steps of the grid (see `grid.grid_posterior`).
 
     Parameters
     ----------
@@ -153,11 +175,11 @@ def draw_grid(
     rng : np.random.Generator
         Source of the draws.
     attributes, behaviors : Sequence[str]
-        Their names, (P,) and (E,).
+        (P,) and (E,) names.
     prior : ArrayLike, optional
-        As of `ConfusionPosterior.from_objects`, (P,E,2,K).
+        (P,E,2,K) prior as in `ConfusionPosterior.from_objects`.
     draws, chains : int
-        Draws of each chain, and chains.
+        Number of draws of each chain, and number of chains.
     """
     *row, levels = np.shape(counts)[1:]
     size = draws * chains
@@ -205,10 +227,10 @@ def _two_levels(
 def draw_prior(
     draws: xr.Dataset, prior: ArrayLike, rng: np.random.Generator, *, size: int = 500
 ) -> xr.Dataset:
-    """Draw m and s of the same rows as they are believed before any percept, one chain.
+    """Draw m and s of the same rows from their prior, as one chain.
 
-    ln s ~ Normal(mu, tau) on the grid, mu uniform and tau by its prior (`grid.hyperparameters`),
-    both shared by the attributes of a behavior and truth; m ~ Dirichlet(prior), (P,E,2,K).
+    ln s ~ Normal(mu, tau) on the grid, with the prior of `grid.hyperparameters`; mu and tau are
+    shared by the attributes of a behavior and truth. m ~ Dirichlet(prior), with `prior` (P,E,2,K).
     """
     attributes = draws["attribute"].values.tolist()
     behaviors = draws["behavior"].values.tolist()
@@ -225,10 +247,10 @@ def draw_prior(
 
 
 def log_prior(draws: xr.Dataset, prior: ArrayLike) -> xr.Dataset:
-    """Compute the log prior density of each draw's rows, and of its dispersions (mu, tau summed).
+    """Compute the log prior density of the rows and the dispersions of each draw.
 
-    The prior is given by Dirichlet parameters (P,E,2,K) of m. Of `dispersion` attributes are
-    together: (chain, draw, behavior, truth).
+    `prior` contains the Dirichlet parameters (P,E,2,K) of m. The log density of `dispersion` is
+    summed over mu and tau and is that of all attributes together: (chain, draw, behavior, truth).
     """
     alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
     mean = np.maximum(draws["mean"].values, _FLOOR)
@@ -248,12 +270,12 @@ def log_prior(draws: xr.Dataset, prior: ArrayLike) -> xr.Dataset:
 def replicate(
     draws: xr.Dataset, counts: ArrayLike, rng: np.random.Generator, *, size: int = 200
 ) -> Ints:
-    """Draw percepts of new objects as many as were seen, (size,O,P,E,2,K).
+    """Draw percepts of new objects, as many as were observed, (size,O,P,E,2,K).
 
-    Each replicate takes one draw of the rows (evenly from all), then an own row
-    theta ~ Dirichlet(s m) for each object, then as many percepts as counts (O,P,E,2,K) hold of each
-    truth; with a misperception, an object shows the other truth's row with that probability,
-    in all its behaviors alike.
+    Each replicate uses one of the draws (evenly spaced), draws a row theta ~ Dirichlet(s m) for
+    each object, and then as many percepts for each truth as in counts (O,P,E,2,K). If the draws
+    have a misperception, an object shows the other truth's rows with this probability, by all
+    behaviors.
     """
     percepts = np.asarray(counts)
     number = percepts.sum(axis=-1)  # (O,P,E,2)

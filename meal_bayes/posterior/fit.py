@@ -1,4 +1,4 @@
-"""Fit the confusion matrices to named percept counts; what ArviZ needs to check the fit."""
+"""Fit the confusion matrices to named percept counts; groups of data for ArviZ's checks."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -32,22 +32,22 @@ MODELS = ("same", "crossed")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosteriorFit:
-    """Draws of the confusion matrices, and what they were drawn from.
+    """Draws of the confusion matrices, with the data and settings of the fit.
 
     Attributes
     ----------
     counts : xr.DataArray
         Percepts (object, attribute, behavior, truth, level) of the behaviors that sense.
     draws : xr.Dataset
-        `mean` and `dispersion` of each row, see `posterior.draws`.
+        `mean` and `dispersion` of each row; see `posterior.draws`.
     statistics : xr.Dataset
-        Of the sampler; empty where the draws come from the grid.
+        Statistics of the sampler; empty if the draws come from the grid.
     prior : NDArray[np.float64]
-        (P,E,2,K) Dirichlet parameters of the means.
+        (P,E,2,K) prior Dirichlet parameters of the means.
     model : str
-        "same" or "crossed".
+        Name of the model, "same" or "crossed".
     seed : int
-        Of the draws, and of all predictions from them.
+        Seed of the draws and of all predictions from them.
     """
 
     counts: xr.DataArray
@@ -65,7 +65,7 @@ def named_counts(
     attributes: Sequence[str],
     behaviors: Sequence[str],
 ) -> xr.DataArray:
-    """Name the axes of percept counts (O,P,E',2,K), without the behaviors that have none."""
+    """Name the axes of percept counts (O,P,E,2,K), and drop behaviors without percepts."""
     numbers = np.asarray(counts)
     senses = sensing(numbers)
     coords: dict[str, Any] = {
@@ -92,20 +92,22 @@ def fit_posterior(
     Parameters
     ----------
     counts : xr.DataArray
-        Of `named_counts`.
-    method, model : str
-        "grid", exact quadrature of the model "same"; or "pymc", NUTS of "same" or "crossed".
+        Counts as returned by `named_counts`.
+    method : str
+        "grid" for numerical integration on a grid, or "pymc" for MCMC sampling (NUTS).
+    model : str
+        "same" or "crossed"; the grid method can only fit "same" (see `posterior.hierarchical`).
     prior_scale : float
-        Weight of the prior of the rows, of that which is learned from the counts.
+        Factor by which the weight of the learned prior of the rows is multiplied.
     sampling : Sampling, optional
         Draws, chains and seed.
     progress : Callable[[int, int], None], optional
-        Called with the sampler's steps done and in all.
+        Function that is called with the number of finished steps of the sampler and of all steps.
 
     Raises
     ------
     SettingsError
-        A method or model that is none, or the model "crossed" by the grid.
+        If the method or the model is unknown, or the model is "crossed" and the method is "grid".
     """
     check_method(method, model)
     sampling = sampling or Sampling()
@@ -130,7 +132,7 @@ def fit_posterior(
 
 
 def check_method(method: str, model: str) -> None:
-    """Refuse a method or model that is none, and a model that the method cannot fit."""
+    """Raise `SettingsError` for an unknown method or model, or a model the method cannot fit."""
     for kind, name, choices in (("method", method, METHODS), ("model", model, MODELS)):
         if name not in choices:
             raise SettingsError(unknown(kind, name, choices))
@@ -141,9 +143,9 @@ def check_method(method: str, model: str) -> None:
 
 
 def arviz_groups(fit: PosteriorFit) -> dict[str, xr.Dataset]:
-    """Return the groups of an InferenceData beside the draws: data, predictions, likelihoods.
+    """Return the groups of an InferenceData other than the draws: data, predictions, likelihoods.
 
-    A prior to compare with has the model "same" alone; the sampler's statistics NUTS alone.
+    Only the model "same" has groups of the prior, and only NUTS has statistics of the sampler.
     """
     draws = fit.draws
     attributes = counted_names(fit.counts, "attribute")
@@ -168,7 +170,7 @@ def arviz_groups(fit: PosteriorFit) -> dict[str, xr.Dataset]:
 
 
 def telling_of(counts: xr.DataArray) -> xr.DataArray:
-    """Return Pr(a pair's percepts tell anything) (P,E'), with names."""
+    """Return the probability that each pair is informative (P,E'), with names."""
     posterior = ConfusionPosterior.from_objects(counts.values)
     names = {name: counts[name] for name in ("attribute", "behavior")}
     return xr.DataArray(posterior.telling, names, tuple(names))

@@ -1,20 +1,21 @@
-"""Percepts that a robot brings: a detector, or another model, is expected to tell something.
+"""Prior of percepts from the robot's own detector: they are informative before any label.
 
-Of a classifier that was trained on few objects nothing is known until it is held against objects
-that it never saw. A detector is made to be right, and is believed to some extent before any label.
-The prior of its rows, of truth y and level k, is
+A classifier that was trained on few objects may be uninformative, which only its percepts of other
+objects can show. A detector was built to be right, so it is believed to some extent before there
+are labels. Pairs (attribute, behavior) with percepts of a detector are called "given". The prior of
+their rows, for truth y and level k, is
 
-    alpha_yk = A q_k 2 sigma(+-l_k) / sum,   l_k = (1 - w) l_own,k + w l*_k,
+    alpha_yk = A q_k sigma(+-l_k) / sum_j q_j sigma(+-l_j),   l_k = (1 - w) l_own,k + w l*_k.
 
-with q the pair's own use of the levels, l_own the log ratio in which true and false objects show a
-level, over all pairs with labels (that of graded rows, see `grid`), and l* what percepts generally
-say. Well taught classifiers of three data sets have l from (0, -.3, .1, .6) to (-2.1, -.8, .7, 3.1)
-at four levels. How generic the rows are, w, and how much weight they have, A, are learned by the
-evidence of all rows that are given, and integrated out.
+Here q_k is the frequency of level k for the pair, l_own is the log ratio of the frequencies of a
+level for true and for false objects, over all pairs with labels (as in `graded_prior`), and l* are
+typical ratios. (Classifiers of three data sets with many labels have l from (0, -.3, .1, .6) to
+(-2.1, -.8, .7, 3.1) for four levels.) The weight w of the typical ratios and the weight A of the
+prior are integrated out, weighted by the evidence of all given rows.
 
-One model that is asked twice about one object mostly repeats itself. So the dispersion s of the
-objects' rows, which says what a repeat is worth, is believed to be smaller than that of our own
-classifiers, until repeats of labeled objects say otherwise: Pr(s) is weighted by 1 / sqrt(1 + s).
+A detector that sees one object twice mostly gives the same output. Therefore the dispersion s of
+the objects' rows, which determines how informative repeats are, is expected to be smaller than for
+classifiers, until repeats on labeled objects show otherwise: Pr(s) is weighted by 1 / sqrt(1 + s).
 """
 
 from typing import NamedTuple
@@ -29,17 +30,17 @@ from meal_bayes.posterior.graded_prior import pooled_log_ratio, use_of_levels
 
 # l*, log ratios by level, from surely no to surely yes
 _GENERIC = {2: np.array([-0.9, 0.9]), 4: np.array([-1.6, -0.5, 0.5, 1.6])}
-_STEEP = 1.6  # at the ends of other numbers of levels
-# (w, A) and Pr(w): w prefers the generic, A is one of three weights, each as likely.
+_STEEP = 1.6  # l* of the last level, for other numbers of levels
+# (w, A) and Pr(w): large w are more probable; the three values of A are equally probable.
 _SHARES = np.repeat([0.0, 0.25, 0.5, 0.75, 1.0], 3)
 _WEIGHTS = np.tile([8.0, 32.0, 128.0], 5)
 _LOG_PRIOR = np.log(np.repeat([0.1, 0.1, 0.2, 0.3, 0.3], 3) / 3)
-_REPEATS = 0.5  # Pr(s) is lower by (s + 1) to this power than that of our own classifiers
+_REPEATS = 0.5  # Pr(s) of classifiers is divided by (s + 1) to this power
 _ALIKE = (1 + grid.DISPERSIONS) ** -_REPEATS
 
 
 def first_dispersion() -> float:
-    """Return s of a pair of which nothing was perceived yet: a repeat brings little.
+    """Return the dispersion s of a given pair without percepts; it is small.
 
     >>> round(first_dispersion(), 2)
     0.73
@@ -49,16 +50,16 @@ def first_dispersion() -> float:
 
 
 class GivenRows(NamedTuple):
-    """Rows of R given pairs: the Dirichlet of the mean before and after, and the dispersion.
+    """Rows of R given pairs: prior and posterior of their mean, and their dispersion.
 
     Attributes
     ----------
     prior : Floats
-        (R,2,K) Dirichlet parameters before any percept.
+        (R,2,K) Dirichlet parameters of the mean row before any percept.
     concentration : Floats
-        (R,2,K) those after the counts.
+        (R,2,K) Dirichlet parameters of the mean row given the counts.
     dispersion : Floats
-        (R,2) s of the objects' rows.
+        (R,2) dispersion s of the objects' rows.
     """
 
     prior: Floats
@@ -67,23 +68,23 @@ class GivenRows(NamedTuple):
 
 
 def generic_log_ratio(levels: int) -> Floats:
-    """Return l*, (K,), of so many levels."""
+    """Return the typical log ratios l*, (K,), for a number of levels."""
     if levels in _GENERIC:
         return _GENERIC[levels]
     return np.linspace(-_STEEP, _STEEP, levels)
 
 
 def generic_prior(levels: int) -> Floats:
-    """Return the Dirichlet parameters (2,K) of a pair of which nothing was perceived yet."""
+    """Return the Dirichlet parameters (2,K) of a given pair without percepts."""
     used = np.full((1, 1, levels), 1.0 / levels)
     alpha = _alphas(used, np.zeros(levels))
     return np.asarray(_collapsed(alpha, np.exp(_LOG_PRIOR))[0])
 
 
 def given_rows(counts: ArrayLike, given: Bools) -> GivenRows:
-    """Learn the rows of the pairs (P,E) that are given, R of them, from counts (O,P,E,2,K).
+    """Learn the rows of the R pairs that are `given` (P,E), from counts (O,P,E,2,K).
 
-    Dispersions are pooled with those of all attributes, as `grid.pool` does.
+    Dispersions are pooled over all attributes, as by `grid.pool`.
     """
     rows, votes = grid.row_statistics(counts)
     levels = rows.totals.shape[-1]
@@ -91,11 +92,11 @@ def given_rows(counts: ArrayLike, given: Bools) -> GivenRows:
     learned = grid.prior_of(counts)  # (P,E,2,K) of all pairs that are not given
     effective = grid.effective_counts(rows, votes).reshape(shape)
     used = use_of_levels(effective)[given]  # (R,1,K)
-    # Those that are given have a vote also where they seem to tell nothing: they are not chosen by
-    # what they showed, so that many at chance are seen to be so.
+    # All given pairs are used, also those that seem uninformative. If they were selected by their
+    # percepts, a detector that only guesses would look informative.
     own = pooled_log_ratio(effective, votes | given)
     alphas = _alphas(used, own)  # (C,R,2,K)
-    # Of each (w, A) the whole posterior, of which the evidence says how much it counts.
+    # The posterior for each (w, A); the evidence is its weight.
     pick = np.repeat(given.ravel(), 2)
     scores = []
     prob = []
@@ -130,7 +131,7 @@ def given_rows(counts: ArrayLike, given: Bools) -> GivenRows:
 
 
 def _alphas(used: Floats, own: Floats) -> Floats:
-    """Return Dirichlet parameters (C,R,2,K) by the use of levels (R,1,K) and l_own (K,)."""
+    """Return Dirichlet parameters (C,R,2,K) for frequencies of levels (R,1,K) and l_own (K,)."""
     share = _SHARES[:, None]
     log_ratio = (1 - share) * own + share * generic_log_ratio(len(own))  # (C,K)
     tilt = np.stack([expit(-log_ratio), expit(log_ratio)], axis=1)  # (C,2,K)
@@ -139,7 +140,7 @@ def _alphas(used: Floats, own: Floats) -> Floats:
 
 
 def _collapsed(alphas: Floats, weight: Floats) -> Floats:
-    """Return the Dirichlet (...,K) with the mean and diversity of a mixture of them (C,...,K)."""
+    """Return Dirichlet parameters (...,K) with mean and diversity of a mixture (C,...,K)."""
     total = alphas.sum(axis=-1)
     mean = alphas / total[..., None]
     diversity = (1 - (mean**2).sum(axis=-1)) * total / (total + 1)
@@ -148,6 +149,6 @@ def _collapsed(alphas: Floats, weight: Floats) -> Floats:
 
 
 def _of_diversity(mean: Floats, diversity: Floats) -> Floats:
-    """Return the Dirichlet (...,K) of a mean whose E[1 - sum_k m_k^2] is the diversity (...)."""
+    """Return the Dirichlet parameters (...,K) with a mean and E[1 - sum_k m_k^2] = diversity."""
     variance = np.maximum(1 - (mean**2).sum(axis=-1) - diversity, 1e-12)
     return np.asarray((diversity / variance)[..., None] * mean)

@@ -1,22 +1,22 @@
-"""How much objects differ: exact hierarchical Bayes on a grid.
+"""Hierarchical model of the differences between objects, integrated numerically on a grid.
 
-Repeated percepts of one object are not independent given the attribute, as Eq. 8 takes them to be:
-each object has its own row theta ~ Dirichlet(s m), m the mean row and s the dispersion of one
-(attribute, behavior, truth).
+Repeated percepts of one object are not independent given the attribute, as Eq. 8 assumes. Each
+object has its own row theta ~ Dirichlet(s m), where m is the mean row and s the dispersion of one
+(attribute, behavior, truth). The dispersion is a Dirichlet precision: if s is large, objects are
+alike.
 
 With c_ok percepts of object o at level k and n_o in all, the rising factorials of the
 Dirichlet-multinomial make the log-likelihood of a row, of mean m and dispersion s,
 
     sum_k sum_i #{o: c_ok > i} ln(s m_k + i)  -  sum_i #{o: n_o > i} ln(s + i),
 
-which is linear in the tail counts. So one matrix product scores a whole grid of (m, s), whatever
-the numbers of recordings, for all rows at once.
+which is linear in the tail counts. So one matrix product computes the log-likelihoods of all rows
+on a grid of (m, s), for any numbers of recordings.
 
-The attributes of a behavior share, for each truth alone: of s, ln s ~ Normal(mu, tau) over them, mu
-and tau integrated out on a grid; of m, for yes/no, a common Dirichlet prior w mu, learned by its
-marginal likelihood. Pairs that tell nothing have no vote.
-
-Graded percepts (K > 2) share more than that: what a level is worth, see `posterior.graded_prior`.
+The attributes of a behavior share two priors for each truth. For s, ln s ~ Normal(mu, tau), with mu
+and tau integrated out on a grid. For m with two levels, a Dirichlet prior that is learned by its
+marginal likelihood; with more levels, the prior of `posterior.graded_prior`. Uninformative pairs
+are not used to learn these priors: they have no "vote".
 """
 
 from typing import NamedTuple
@@ -30,23 +30,23 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior.graded_prior import GradedPrior
 
-DISPERSIONS = np.geomspace(0.05, 1000.0, 29)  # s; at 1000 ten percepts are as good as independent
-TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # of ln s over attributes
-LOG_TAU_PRIOR = -0.5 * TAUS**2  # a priori half-normal(1), but for a constant; by NUTS too
+DISPERSIONS = np.geomspace(0.05, 1000.0, 29)  # s; at 1000, ten percepts are nearly independent
+TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # standard deviation of ln s over attributes
+LOG_TAU_PRIOR = -0.5 * TAUS**2  # half-normal(1) up to a constant, as in `hierarchical`
 _CENTER = 1.5  # log-odds about which the points of m spread out
 _BLOCK = 4_000_000  # grid points scored at a time, 32 MB
 _TINY = np.float32(1e-30)
-AS_INFINITE = 1e9  # a precision, where an infinite one needs a number
-PRIOR_WEIGHT = 2.0  # of a row of two levels before any percept: 1 a cell
+AS_INFINITE = 1e9  # number that replaces an infinite precision
+PRIOR_WEIGHT = 2.0  # sum of the Dirichlet parameters of a uniform prior row
 _BINARY = 2  # levels: yes and no
 _WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; log-normal about PRIOR_WEIGHT
 
 
 def worth_of_percept(n: Floats, s: Floats) -> Floats:
-    """Return what each of n percepts of one object is worth, of percepts of n objects.
+    """Return the weight of each of n percepts of one object, in independent percepts.
 
-    All n are worth n(s+1)/(n+s) at dispersion s. `ConfusionPosterior.update` counts new percepts by
-    the same rule, in a form that takes s = inf.
+    At dispersion s, all n together count as n(s+1)/(n+s) percepts of different objects.
+    `ConfusionPosterior.update` counts new percepts by the same rule, in a form that allows s = inf.
     """
     return np.asarray((s + 1) / (n + s))
 
@@ -74,13 +74,13 @@ class RowStatistics(NamedTuple):
         )
 
     def effective(self, s: Floats) -> Floats:
-        """Weight the counts by s (S,...), (S,...,K), as objects differ: `worth_of_percept`."""
+        """Return the counts with the weights of `worth_of_percept` at s (S,...), (S,...,K)."""
         weight = worth_of_percept(self.sizes, s[..., None])  # (S,...,U)
         return np.asarray(np.einsum("s...u,suk->s...k", weight, self.totals))
 
 
 class Profile(NamedTuple):
-    """What S rows say at each of G dispersions: evidence, E m, and E[1 - sum_k m_k^2]."""
+    """Posterior of S rows at each of G dispersions: evidence, E m, and E[1 - sum_k m_k^2]."""
 
     log_evidence: Floats
     mean: Floats
@@ -121,10 +121,11 @@ def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
 
 @tiny_is_zero
 def approximate(rows: RowStatistics, alpha: Floats) -> Profile:
-    """Replace m given s by a Dirichlet about the effective counts, under priors (S,K).
+    """Approximate the posterior of m given s by a Dirichlet with the effective counts.
 
-    The evidence of s is likelihood x prior / posterior of m, at the posterior's mean. Levels come
-    first meanwhile, as sums over a short last axis are slow.
+    The Dirichlet parameters are `alpha` (S,K) plus the effective counts. The evidence of s is
+    likelihood x prior / posterior of m, at the posterior's mean. Internally, levels are the first
+    axis, because sums over a short last axis are slow.
     """
     worth = worth_of_percept(rows.sizes[:, None], DISPERSIONS)  # (U,G)
     counts = rows.totals.transpose(2, 0, 1) @ worth  # (K,S,G)
@@ -146,11 +147,11 @@ def approximate(rows: RowStatistics, alpha: Floats) -> Profile:
 
 @tiny_is_zero
 def quadrature(rows: RowStatistics) -> tuple[Floats, Floats]:
-    """Return points (m, 1 - m) (2,M) for a sum over m, and the logarithms (M,) of their widths.
+    """Return points (1 - m, m) (2,M) for numerical integration over m, and log widths (M,).
 
-    Widths are in log-odds, which are spaced as a sinh: close in the middle, where rows of the most
-    percepts are narrow; wide at the ends, which reach so far because learned priors may be nearly
-    singular there.
+    Points are spaced in log-odds as a sinh: close in the middle, because rows with many percepts
+    have a narrow posterior, and wide at the ends, because learned priors may be nearly singular
+    there.
     """
     most = max(float(rows.totals.sum(axis=(1, 2)).max()), 1.0)
     step = np.clip(3.0 / (_CENTER * np.sqrt(most)), 0.01, 0.2)
@@ -162,9 +163,9 @@ def quadrature(rows: RowStatistics) -> tuple[Floats, Floats]:
 
 @tiny_is_zero
 def pool(log_evidence: Floats, votes: Bools) -> Floats:
-    """Return the posterior over dispersions, (...,P,E,2,G), the attributes of a behavior pooled.
+    """Return the posterior of dispersions, (...,P,E,2,G), pooled over a behavior's attributes.
 
-    Votes (...,P,E) tell whether a pair's rows inform about mu and tau.
+    Only the pairs `votes` (...,P,E) are used to learn mu and tau.
     """
     prior, log_weight = hyperparameters()
     prior = prior.astype(np.float32)
@@ -179,7 +180,7 @@ def pool(log_evidence: Floats, votes: Bools) -> Floats:
 
 
 def hyperparameters() -> tuple[Floats, Floats]:
-    """Return Pr(s | mu, tau) (Q,G) of every mu and tau, and ln of their prior (Q,) + a constant."""
+    """Return Pr(s | mu, tau) (Q,G) for each mu and tau, and their log prior (Q,) + a constant."""
     log_s = np.log(DISPERSIONS)
     # Every mu with every tau, tau varying fastest: mu is any step of the grid.
     mu = np.repeat(log_s, len(TAUS))
@@ -203,8 +204,9 @@ def _tails(counts: Ints) -> Floats:
 class GridPosterior(NamedTuple):
     """The posterior of S rows on the grid: prior `alpha` (S,K), Pr(s) (S,G), E m (S,K), s (S,).
 
-    `dispersion` keeps the predictive of a second percept equal to the first, E[theta^2] / E[theta],
-    which depends on s by 1 / (s + 1): it keeps the mean of that.
+    `dispersion` is the value of s that gives the right probability that a second percept equals the
+    first one, E[theta^2] / E[theta]. This probability depends on s by 1 / (s + 1), whose mean is
+    preserved.
     """
 
     rows: RowStatistics
@@ -216,10 +218,10 @@ class GridPosterior(NamedTuple):
 
 @tiny_is_zero
 def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPosterior:
-    """Compute the posterior of each row, counts (O,P,E,2,K), in the order (P,E,2).
+    """Compute the posterior of each row from counts (O,P,E,2,K), in the order (P,E,2).
 
-    Two levels are integrated exactly; with more, m given s is Dirichlet about the effective counts.
-    The prior of m, (P,E,2,K) or what broadcasts to it, is learned by default.
+    For two levels, m is integrated numerically; for more, its posterior given s is approximated by
+    a Dirichlet. The prior of m, (P,E,2,K) or an array that broadcasts to it, is learned by default.
     """
     rows, votes = row_statistics(counts)
     alpha = _prior(rows, votes, prior).reshape(-1, rows.totals.shape[-1])
@@ -227,7 +229,7 @@ def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPos
 
 
 def profile(rows: RowStatistics, alpha: Floats) -> Profile:
-    """Integrate m out at every s, under Dirichlet priors (S,K): exactly where there are two."""
+    """Integrate m out at every s, under Dirichlet priors (S,K); exactly for two levels."""
     return integrate(rows, alpha) if alpha.shape[-1] == _BINARY else approximate(rows, alpha)
 
 
@@ -238,7 +240,7 @@ def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Floats:
 
 
 def row_statistics(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
-    """Summarize the rows of counts (O,P,E,2,K), and which pairs inform of others (P,E)."""
+    """Return statistics of the rows of counts (O,P,E,2,K), and the informative pairs (P,E)."""
     table = np.asarray(counts)
     if table.ndim != 5 or not table.size or (table < 0).any() or (table % 1).any():
         raise SettingsError(
@@ -252,7 +254,10 @@ def row_statistics(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
 
 
 def _prior(rows: RowStatistics, votes: Bools, prior: ArrayLike | None) -> Floats:
-    """Learn the prior of m from the rows, their dispersions found under a flat one, or take it."""
+    """Return the prior of m; learned from the rows by default.
+
+    The dispersions that the learned prior needs are found under a uniform prior of m.
+    """
     levels = rows.totals.shape[-1]
     if prior is None:
         effective = effective_counts(rows, votes)
@@ -264,7 +269,7 @@ def _prior(rows: RowStatistics, votes: Bools, prior: ArrayLike | None) -> Floats
 
 
 def effective_counts(rows: RowStatistics, votes: Bools) -> Floats:
-    """Weight counts by the dispersions that are found under a flat prior, (P,E,2,K)."""
+    """Return effective counts (P,E,2,K), with dispersions that are found under a uniform prior."""
     levels = rows.totals.shape[-1]
     flat = np.full((len(rows.sums), levels), PRIOR_WEIGHT / levels)
     s = _posterior(rows, flat, approximate(rows, flat), votes).dispersion
@@ -272,7 +277,7 @@ def effective_counts(rows: RowStatistics, votes: Bools) -> Floats:
 
 
 def _posterior(rows: RowStatistics, alpha: Floats, profile: Profile, votes: Bools) -> GridPosterior:
-    """Pool the attributes of each behavior; votes (...,P,E)."""
+    """Compute the posterior with dispersions pooled over attributes; `votes` is (...,P,E)."""
     log_evidence = profile.log_evidence.reshape(*votes.shape, 2, -1)
     prob = pool(log_evidence, votes).reshape(profile.log_evidence.shape)  # (S,G)
     mean = np.einsum("sg,sgk->sk", prob, profile.mean)
@@ -285,7 +290,7 @@ def _posterior(rows: RowStatistics, alpha: Floats, profile: Profile, votes: Bool
 def _common_prior(effective: Floats, votes: Bools) -> Floats:
     """Learn the Dirichlet prior of a behavior's mean rows, (...,1,E,2,K), from effective counts.
 
-    Its mean is that of the attributes' rows and of one flat row; its weight maximizes the
+    The prior's mean is that of the attributes' rows and one uniform row. Its weight maximizes the
     Dirichlet-multinomial likelihood of the effective counts (...,P,E,2,K).
     """
     levels = effective.shape[-1]

@@ -1,16 +1,16 @@
-"""Hierarchical Bayes by NUTS (PyMC): the grid's hierarchy, and a richer one that no grid can hold.
+"""Hierarchical models by NUTS (PyMC): the model of `grid`, and one with more parameters.
 
-Both integrate each object's row theta ~ Dirichlet(s m) out, as rising factorials (see `grid`): a
-few logarithms a row serve all objects, where PyMC's BetaBinomial takes six gamma functions and
-their derivatives for each.
+Both models integrate out each object's row theta ~ Dirichlet(s m), by rising factorials (see
+`grid`). This needs a few logarithms per row for all objects; PyMC's BetaBinomial would need six
+gamma functions and their derivatives for each object.
 
-`same` is the model of `grid`: the attributes of a behavior share ln s ~ Normal(mu, tau), for
-each truth alone, and m has the prior that the grid learned. `crossed` pools the log-odds of m and
-ln s over attributes and over behaviors, with a residual for each pair, and lets each object *seem*
-to be what it is not with probability epsilon, to all behaviors alike.
+`same` is the model of `grid`: the attributes of a behavior share ln s ~ Normal(mu, tau) for each
+truth, and m has the prior that the grid learned. `crossed` pools the log-odds of m and ln s over
+attributes and over behaviors, with a residual for each pair. In `crossed`, an object is
+misperceived with probability epsilon: all behaviors then show the rows of the other truth.
 
-Effects are written as spread x standard (non-centered), and sum to zero over what they cross, so
-that the sampler meets neither funnels nor ridges.
+Effects have a non-centered parametrization (spread x standard normal) and sum to zero over the
+crossed dimensions, which avoids funnels and ridges in the posterior.
 """
 
 import os
@@ -33,10 +33,10 @@ from meal_bayes.posterior.grid import DISPERSIONS, LOG_TAU_PRIOR, TAUS, prior_of
 from meal_bayes.processes import ending_context
 from meal_bayes.seeds import stream
 
-# PyTensor loads what lies in its compile folder, so that must be nobody else's; and it looks for
-# a BLAS, with a warning where there is none, that no model of ours needs. By Numba, its default
-# from 3.0 on, what is compiled anew and what is loaded round otherwise, unless the order of sums
-# is kept: draws would repeat under a seed from the second run on.
+# PyTensor loads the contents of its compile folder, so other users must not be able to write there.
+# It looks for a BLAS, with a warning if there is none; these models do not need one. With Numba,
+# the default from PyTensor 3.0 on, newly compiled code and loaded code round differently unless the
+# order of sums is kept, so the first run with a seed would differ from later ones.
 _folder = scratch_folder("pytensor")
 _user = os.environ.get("PYTENSOR_FLAGS", "")
 _flags = f"base_compiledir={_folder},blas__ldflags=,numba__fastmath=False"
@@ -48,18 +48,18 @@ with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on
     from pytensor.configdefaults import config
 pt: Any = pytensor.tensor  # not typed
 
-ACCEPT = 0.9  # target acceptance: smaller steps than usual, as no draw may diverge
+ACCEPT = 0.9  # target acceptance: smaller steps than by default, to avoid divergences
 _LOG_S = np.log(DISPERSIONS)
 _LOG_S_STEP = float(_LOG_S[1] - _LOG_S[0])
-# A point of the grid stands for a cell around it.
+# A point of the grid represents a cell around it.
 _LOW = float(_LOG_S[0]) - _LOG_S_STEP / 2
 _HIGH = float(_LOG_S[-1]) + _LOG_S_STEP / 2
 _ROOT_2 = np.sqrt(2.0)
 _ROOT_2_PI = np.sqrt(2.0 * np.pi)
-_LEAN = 0.7  # prior log-odds by which true objects lean to the last level, false ones to the first
+_LEAN = 0.7  # prior log-odds of the last level for true objects, and of the first for false ones
 _MISPERCEIVED = 0.05  # prior scale of epsilon
 _SPREAD = 0.3  # of the logarithm of a width that only helps the sampler
-_INNER = "_standard"  # ends the names of variables from which others are computed
+_INNER = "_standard"  # suffix of the names of auxiliary variables
 
 Progress = Callable[[int, int], None]
 
@@ -81,27 +81,28 @@ def fit_hierarchical(
     counts : ArrayLike
         (O,P,E,2,K) percepts of each object by the behaviors that sense.
     attributes, behaviors : Sequence[str]
-        Their names, (P,) and (E,).
+        (P,) and (E,) names.
     model : str
-        "same" as the grid's, or "crossed".
+        "same" for the model of `grid`, or "crossed".
     prior : ArrayLike, optional
-        Of m in "same", (P,E,2,K) or what broadcasts to it; what the grid learned by default.
+        Prior of m in the model "same", (P,E,2,K) or an array that broadcasts to this shape. By
+        default, the prior that the grid learns.
     sampling : Sampling, optional
-        How NUTS samples.
+        Settings of NUTS.
     progress : Callable[[int, int], None], optional
-        Called with (steps done, steps in all).
+        Function that is called with the number of finished steps and of all steps.
 
     Returns
     -------
-    xr.Dataset
-        The draws (see `draws`).
-    xr.Dataset
-        The sampler's statistics.
+    draws : xr.Dataset
+        The draws (see `posterior.draws`).
+    statistics : xr.Dataset
+        Statistics of the sampler.
 
     Raises
     ------
     KeyboardInterrupt
-        Sampling was interrupted; a part of the draws is not the posterior.
+        If sampling was interrupted, because incomplete draws do not represent the posterior.
     """
     built = build_model(np.asarray(counts), attributes, behaviors, model=model, prior=prior)
     trace = sample(built, sampling or Sampling(), progress=progress)
@@ -113,7 +114,7 @@ def fit_hierarchical(
         for name, values in stats.data_vars.items()
         if values.dims == ("chain", "draw") and values.dtype.kind in "biuf"
     ]
-    # as files hold them, without what PyMC notes of the machine
+    # as in files, without PyMC's notes about the machine
     draws = xr.Dataset(posterior.drop_vars(inner).variables)
     return draws, xr.Dataset(stats[numbers].variables)
 
@@ -146,13 +147,13 @@ def build_model(
 
 
 def _same(counts: Ints, prior: ArrayLike | None) -> tuple[Any, Any]:
-    """Build the grid's hierarchy, s and m continuous; tau is one of the grid's, summed out."""
+    """Build the model of `grid` with continuous s and m; tau is summed over the grid's values."""
     alpha = prior_of(counts, prior)
-    votes = informative(counts.sum(axis=0).astype(float))  # the others do not inform about mu
+    votes = informative(counts.sum(axis=0).astype(float))  # the pairs that determine mu
     mu = pm.Uniform("mu", _LOW, _HIGH, dims=("behavior", "truth"))
-    # Rows lie beside mu, in the log-odds of their places between the ends, at a width of their own:
-    # mu moves them together, and the sampler meets no funnel. The width is no part of the model:
-    # it has a law of its own, about the tau that the rows speak for, which leaves theirs as it is.
+    # Rows are parametrized relative to mu, in the log-odds of their position between the ends, and
+    # scaled by an auxiliary width, so that mu moves all rows together and there is no funnel. The
+    # width has its own distribution around the tau that fits the rows; it does not change theirs.
     width = pm.Flat("width_standard", dims=("behavior", "truth"))  # log
     middle = pm.math.logit((mu - _LOW) / (_HIGH - _LOW))
     log_odds = middle + pt.exp(width) * pm.Flat("log_s_standard", dims=ROW)
@@ -174,7 +175,7 @@ def _same(counts: Ints, prior: ArrayLike | None) -> tuple[Any, Any]:
 
 
 def _crossed() -> tuple[Any, Any]:
-    """Build attributes crossed with behaviors, in the log-odds of m and in ln s."""
+    """Build crossed effects of attributes and behaviors on the log-odds of m and on ln s."""
     levels = len(pm.modelcontext(None).coords["level"])
     lean = np.linspace(-1.0, 1.0, levels) * [[-_LEAN], [_LEAN]]
     odds = pm.ZeroSumNormal("log_odds_center", 1.5, dims=("truth", "level"))
@@ -204,9 +205,9 @@ def _effects(name: str, inner: tuple[str, ...]) -> Any:
 
 
 def _patterns(counts: Ints) -> tuple[Ints, Ints]:
-    """Find the distinct (p, e, counts) (U,2+K), and which one each object showed, (O,P,E).
+    """Find the distinct (p, e, counts) (U,2+K), and the index of each object's pattern (O,P,E).
 
-    An object without a percept in a row has pattern U, one past the last.
+    An object without percepts of a pair has the index U.
     """
     percepts = counts.sum(axis=3)  # (O,P,E,K)
     o, p, e = np.nonzero(percepts.any(axis=-1))
@@ -238,9 +239,9 @@ def _rising(x: Any, most: int) -> Any:
 
 
 def _shared_class(counts: Ints, pattern_of: Ints, scores: Any, epsilon: Any) -> Any:
-    """Sum over what each object seems to be, which all its behaviors share.
+    """Sum over whether each object is misperceived, which is the same for all its behaviors.
 
-    The other places that know what a misperceived object shows stand at `checks._misperceived`.
+    `checks._misperceived` lists the other functions that use this model.
     """
     by_truth = np.asarray(counts.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
@@ -256,11 +257,11 @@ def _shared_class(counts: Ints, pattern_of: Ints, scores: Any, epsilon: Any) -> 
 def sample(
     model: "pm.Model", sampling: Sampling, name: str = "mcmc", progress: Progress | None = None
 ) -> Any:
-    """Run NUTS by a random stream of this name; raise `KeyboardInterrupt` when interrupted."""
+    """Run NUTS with the random stream `name`; raise `KeyboardInterrupt` if it is interrupted."""
     total = (sampling.draws + sampling.tune) * sampling.chains
     steps = count(1)
     call = None if progress is None else lambda **_: progress(next(steps), total)
-    # without a C compiler by Numba, which comes with the package
+    # Without a C compiler, use Numba, which is a dependency of this package.
     mode = {} if config.cxx else {"compile_kwargs": {"mode": "NUMBA"}}
     with warnings.catch_warnings():
         # Chains in processes: forked ones inherit idle threads only.

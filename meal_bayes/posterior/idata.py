@@ -1,9 +1,9 @@
-"""Draws for ArviZ: named dimensions, convergence, netCDF; the one module that imports ArviZ.
+"""Draws for ArviZ: named dimensions, convergence, netCDF. Only this module imports ArviZ.
 
-Works with ArviZ 0.x (InferenceData) and 1.x (xarray's DataTree), which differ in how groups are
-built and share their names: `found["posterior"]["mean"].sel(attribute="heavy")`.
+It works with ArviZ 0.x (InferenceData) and 1.x (xarray's DataTree). They build groups in different
+ways, but groups have the same names: `found["posterior"]["mean"].sel(attribute="heavy")`.
 
-A posterior may also be given as draws: a file of ours, or the draws of a user's own model.
+`posterior_from` reads a posterior from draws: a file of this package, or draws of a user's model.
 """
 
 import os
@@ -41,7 +41,7 @@ _CLASSIC = az.__version__.startswith("0.")
 def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
     """Build an InferenceData (ArviZ 0.x) or DataTree (1.x) of draws and further groups.
 
-    Its attributes are those of the posterior: what made it.
+    It has the attributes of the posterior, which name settings and versions.
     """
     of_group = {"posterior": posterior, **groups}
     if _CLASSIC:
@@ -52,7 +52,7 @@ def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
 
 
 def summary_of(idata: Any) -> Any:
-    """Return ArviZ's summary of every entry of every variable, a data frame, unrounded."""
+    """Return ArviZ's summary of all entries of all variables as a data frame, not rounded."""
     return az.summary(idata, round_to="none")
 
 
@@ -60,25 +60,25 @@ def convergence(summary: Any) -> Any:
     """Return the largest R-hat and the smallest effective sample sizes of each variable."""
     variable = summary.index.str.partition("[").get_level_values(0).rename("variable")
     entries = summary.assign(entries=1).groupby(variable, sort=False)
-    r_hat = partial(pd.Series.max, skipna=False)  # a chain that stands still has none
+    r_hat = partial(pd.Series.max, skipna=False)  # R-hat is NaN if a chain does not move
     worst = {"entries": "sum", "r_hat": r_hat, "ess_bulk": "min", "ess_tail": "min"}
     return entries.agg(worst).reset_index()
 
 
 def attributes_of(config: Mapping[str, object]) -> dict[str, str]:
-    """Return what made the draws, as attributes of a file: settings and versions."""
+    """Return settings and versions as attributes of a file with draws."""
     library = {"inference_library": "meal_bayes", "inference_library_version": package_version()}
     attributes = {**library, "arviz_version": az.__version__, **config}
     return {name: str(value) for name, value in attributes.items() if value is not None}
 
 
 def unreliable(idata: Any) -> dict[str, float]:
-    """Return the Pareto k of the cases whose leave-one-out prediction cannot be trusted.
+    """Return the Pareto k of cases whose leave-one-out prediction is unreliable.
 
-    Cases are those of `checks`. They are above min(1 - 1 / log10(draws), 0.7) [Vehtari2024]:
-    without such an object the posterior would be another.
+    Cases are those of `checks`. Their Pareto k is above min(1 - 1 / log10(draws), 0.7)
+    [Vehtari2024]: without such a case, the posterior would be very different.
     """
-    with warnings.catch_warnings():  # it says so, and names none
+    with warnings.catch_warnings():  # ArviZ warns without naming the cases
         warnings.simplefilter("ignore")
         loo = az.loo(idata, pointwise=True)
     k = loo.pareto_k
@@ -88,7 +88,10 @@ def unreliable(idata: Any) -> dict[str, float]:
 
 
 def save_netcdf(idata: Any, path: str | Path) -> Path:
-    """Write netCDF; the file is there when it is whole, or an `OutputError` says why not."""
+    """Write a netCDF file and return its path; raise `OutputError` if it cannot be written.
+
+    The file appears under its name only when it is complete.
+    """
     target = checked_path("The posterior", path)
     with draft_of(target) as draft:
         idata.to_netcdf(str(draft), engine="h5netcdf")
@@ -96,39 +99,39 @@ def save_netcdf(idata: Any, path: str | Path) -> Path:
 
 
 def load_netcdf(path: str | Path) -> Any:
-    """Read what `save_netcdf` wrote; a `DataError` where there is none."""
+    """Read a file of `save_netcdf`; raise `DataError` if it is missing or has another format."""
     file = regular_file("The posterior", path)
     try:
         return az.from_netcdf(str(file))
     except (OSError, ValueError) as fault:
-        raise DataError(f"{path} is no posterior in netCDF: {fault}.") from None
+        raise DataError(f"{path} is not a netCDF file of a posterior: {fault}.") from None
 
 
 # --- Files of posteriors
 
 
 def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
-    """Summarize a posterior of NUTS or of the grid for agents, in the order of a domain.
+    """Summarize draws of a posterior for agents, in the order of a domain.
 
     Parameters
     ----------
     idata : str, Path, InferenceData or DataTree
-        The file posterior.nc of `meal-bayes posterior`, what ArviZ reads from it, or a model of
-        one's own: its group posterior has the variables named in `draws`, its observed data the
-        percept counts (object, attribute, behavior, truth, level). Its constant data may have
-        `telling` (attribute, behavior), the probability that a pair's percepts tell anything, where
-        the draws are of pairs that do; without, the draws are believed as they are. Truths are
-        named "false" and "true", levels as `level_names` has them; the order of dimensions and
-        names is free.
+        The file posterior.nc of `meal-bayes posterior`, the object that ArviZ reads from it, or
+        draws of your own model. The group `posterior` has the variables named in
+        `posterior.draws`; the group `observed_data` has the percept `counts` (object, attribute,
+        behavior, truth, level). The group `constant_data` may have `telling` (attribute, behavior),
+        the probability that a pair is informative, if the draws are for informative pairs;
+        otherwise the draws are used as they are. Truths are named "false" and "true", and levels as
+        by `level_names`. Dimensions and names may have any order.
     domain : Domain
-        Every attribute of it must have been fitted.
+        Domain whose attributes were all fitted.
 
     Raises
     ------
     DataError
-        Draws or counts that are not there, mean nothing, or lack an attribute of the domain.
+        If draws or counts are missing or invalid, or an attribute of the domain was not fitted.
     DomainError
-        A behavior that the domain does not have.
+        If a behavior is not in the domain.
     """
     if isinstance(idata, str | os.PathLike):
         from meal_bayes.posterior.idata import load_netcdf  # noqa: PLC0415  imports ArviZ
@@ -164,10 +167,10 @@ def _named_draws(idata: Any) -> xr.Dataset:
             draws["misperception"] = group["misperception"].transpose("chain", "draw")
     except Exception as fault:  # whatever xarray or pandas raise, such as of doubled names
         raise DataError(
-            f"This holds no posterior of confusion matrices ({fault}); expected `mean` "
+            f"This is not a posterior of confusion matrices ({fault}); expected `mean` "
             "(chain, draw, attribute, behavior, truth, level) and `dispersion` with truths "
-            "'false', 'true' and our names of levels; make one with `meal-bayes posterior`, or "
-            "fit_hierarchical and to_idata."
+            "'false', 'true' and the names of levels of this package; make one with "
+            "`meal-bayes posterior`, or with fit_hierarchical and to_idata."
         ) from None
     return draws
 
@@ -180,13 +183,15 @@ def _check_draws(draws: xr.Dataset) -> None:
     if not ((mean >= 0).all() and np.allclose(mean.sum("level"), 1.0, atol=1e-6)):
         raise DataError("Rows of `mean` must be probabilities that sum to 1 over the levels.")
     if not (draws["dispersion"] > 0).all():  # nor NaN
-        raise DataError("`dispersion` must be above 0 everywhere; inf: objects are alike.")
+        raise DataError(
+            "`dispersion` must be above 0 everywhere; inf means that objects are alike."
+        )
     if not ((misperception >= 0) & (misperception <= 1)).all():
         raise DataError("`misperception` must be a probability.")
 
 
 def _telling(idata: Any, fitted: dict[str, list[str]]) -> Floats | None:
-    """Read Pr(a pair tells anything) (P,E'), of files of `meal-bayes posterior`; else None."""
+    """Read the probability that pairs are informative (P,E'); None if there is none."""
     try:
         found = idata["constant_data"]["telling"]
     except KeyError:
@@ -195,18 +200,18 @@ def _telling(idata: Any, fitted: dict[str, list[str]]) -> Floats | None:
         telling = found.transpose("attribute", "behavior").sel(fitted).values.astype(float)
     except (KeyError, ValueError) as fault:
         raise DataError(
-            f"The posterior's telling is not by attribute and behavior: {fault}."
+            f"`telling` must have the dimensions attribute and behavior: {fault}."
         ) from None
     if not ((telling >= 0) & (telling <= 1)).all():
-        raise DataError("The posterior's telling must be probabilities.")
+        raise DataError("`telling` must contain probabilities.")
     return np.asarray(telling)
 
 
 def _percept_counts(idata: Any, names: dict[str, list[str]]) -> xr.DataArray:
-    """Read the percepts that draws come from, (object, attribute, behavior, truth, level)."""
+    """Read the percept counts of the draws, (object, attribute, behavior, truth, level)."""
     percepts: xr.DataArray | None = None
     missing: Exception | None = None
-    # PyMC keeps what a model observed in one group, and what it was merely given in the other.
+    # PyMC stores observed data in the first group, and constant data in the second.
     for group in ("observed_data", "constant_data"):
         try:
             percepts = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)

@@ -1,19 +1,21 @@
-"""Whether percepts of a pair of attribute and behavior tell anything: a spike at chance.
+"""Probability that a pair of attribute and behavior is informative.
 
-A pair's Youden's J, counted on objects that its classifiers never saw, is above 0 by chance in half
-of the pairs that tell nothing. How far it strays by chance is seen in the pairs below 0, which are
-all there by chance. With se the standard error of J by independent percepts,
+Youden's J of a pair is counted on objects on which its classifiers were not trained. If a pair is
+uninformative, J is positive by chance with probability one half. The pairs with J < 0 show how much
+J varies by chance, because all of them are below 0 by chance. With se the standard error of J for
+independent percepts,
 
     kappa^2 = (sum over pairs with J < 0 of (J / se)^2 + 10) / (their number + 10),
 
-and a pair that tells nothing has J ~ Normal(0, kappa se). One that tells has a true J uniform on
-(0, 1), about which it strays as much. Of the pairs with J > 0 a share pi tells, which is found with
-the probabilities w of each by expectation maximization:
+and J ~ Normal(0, kappa se) for an uninformative pair. For an informative pair, the true J is
+uniform on (0, 1), and the counted J varies around it by the same amount. A fraction pi of the pairs
+with J > 0 is informative. Expectation maximization estimates pi and the probability w that each of
+these pairs is informative:
 
     w = pi S / (pi S + (1 - pi) N),   pi = (sum w + 1) / (their number + 2),
     S = Phi((1 - J) / (kappa se)) - Phi(-J / (kappa se)),   N = 2 phi(J / (kappa se)) / (kappa se).
 
-Pairs with J <= 0 are believed to tell nothing.
+Pairs with J <= 0 are treated as uninformative (w = 0).
 """
 
 import numpy as np
@@ -24,23 +26,29 @@ from meal_bayes.perception.confusion import youden
 
 _AT_ONE = 10.0  # weight of kappa = 1, in pairs below chance
 _ROUNDS = 200  # of expectation maximization, at most
-_SAME = 1e-6  # a share that moves by less stays
+_SAME = 1e-6  # change of pi below which the iteration ends
 
 
 @tiny_is_zero
 def probability_of_telling(counts: Floats, effective: Floats, given: Bools | None = None) -> Floats:
-    """Compute Pr(a pair's percepts tell anything), (P,E).
+    """Compute the probability that each pair is informative, (P,E).
 
-    Of percepts (P,E,2,K) as they were counted, and what these are worth, of objects that differ.
-    Pairs that are given (P,E), as a detector's, have a prior of their own: theirs is 1, and they
-    say nothing of the others.
+    Parameters
+    ----------
+    counts : Floats
+        (P,E,2,K) counts of percepts.
+    effective : Floats
+        (P,E,2,K) numbers of independent percepts with the same information.
+    given : Bools, optional
+        (P,E) pairs with percepts of the robot's own detector. Their probability is 1, and they are
+        not used to estimate kappa and pi.
     """
     j = youden(counts)
     error = null_spread(j, effective, given) * standard_error(effective)
     candidate = j > 0
     if given is not None:
         candidate &= ~given
-    # The density of J among those that tell, and among those that do not, above 0.
+    # The density of J > 0 for informative and for uninformative pairs.
     tells = ndtr((1 - j) / error) - ndtr(-j / error)
     null = np.sqrt(2 / np.pi) * np.exp(-0.5 * (j / error) ** 2) / error
     share = 0.5
@@ -54,7 +62,7 @@ def probability_of_telling(counts: Floats, effective: Floats, given: Bools | Non
 
 
 def null_spread(j: Floats, effective: Floats, given: Bools | None = None) -> float:
-    """Return kappa, by how much J of pairs that tell nothing strays more than percepts' number."""
+    """Return kappa: the spread of J of uninformative pairs, divided by its standard error."""
     below = j < 0
     if given is not None:
         below &= ~given
@@ -63,7 +71,7 @@ def null_spread(j: Floats, effective: Floats, given: Bools | None = None) -> flo
 
 
 def standard_error(effective: Floats) -> Floats:
-    """Return the standard error (...) of J by independent percepts (...,2,K)."""
+    """Return the standard error (...) of J for counts (...,2,K) of independent percepts."""
     by_answer = no_and_yes_of(effective)  # (...,2,2)
     n = by_answer.sum(axis=-1)
     yes = (by_answer[..., 1] + 0.5) / (n + 1)

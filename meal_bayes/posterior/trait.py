@@ -1,28 +1,30 @@
 """A latent trait of each object, on which all its percepts depend.
 
-Behaviors of one object are not independent given the truth: an object that looks a little empty
-sounds a little empty too. Each object has, per attribute, a latent trait t: +1 is a typical true
-object, -1 a typical false one. Traits are Normal about the truth's +-1 with standard deviation
-sigma, on a grid of M points that both truths share, and every percept depends on t alone:
+The percepts of one object by different behaviors are not independent given the truth: an object
+that looks a little empty sounds a little empty too. Each object has, for each attribute, a latent
+trait t, which is +1 for a typical true object and -1 for a typical false one. Traits are Normal
+about +-1 with standard deviation sigma, on a grid of M points that both truths share, and every
+percept depends only on t:
 
     Pr(k | t) ~ exp(a_k + t b_k),   a and b such that   sum_t Pr(t | v) Pr(k | t) = Theta(v, k),
 
-as nearly as sigma allows. So a first percept has the likelihood of the confusion matrix (Eq. 8),
-and further percepts, of any behavior, inform about t, which is only as informative about the truth
-as Pr(t | v). Both truths must share the points: with points of its own for each truth, many
-percepts would identify a point, and with it the truth. To a planner the points are latent classes.
-As sigma goes to 0 percepts become independent given the truth.
+as nearly as sigma allows. So the first percept has the likelihood of the confusion matrix (Eq. 8).
+Further percepts, of any behavior, only determine t more precisely, and even a known t leaves the
+uncertainty Pr(t | v) about the truth. Both truths must share the points: if each truth had its own
+points, many percepts would identify a point, and with it the truth. For a planner, the points are
+latent classes. As sigma goes to 0, percepts become independent given the truth.
 
-What repeats of one behavior share beyond the trait is its Dirichlet-multinomial, about the row of
-t. Its precision is half of that given the truth. (The marginal likelihood of training percepts
-prefers 1.4 to 2 times, but of .5, .7, 1 and 1.5 the least gives the best calibrated beliefs after
-five repeats, and the others are no better elsewhere.)
+Repeated percepts of one behavior are dependent even given the trait: they are
+Dirichlet-multinomial, with the row of t as the mean. Their precision is half of that given the
+truth. (The marginal likelihood of training percepts is largest for a factor of 1.4 to 2. But among
+.5, .7, 1 and 1.5, the factor .5 gives the best calibrated beliefs after five repeats, and the
+others are not better after other percepts.)
 
-Sigma minimizes, over the training objects, the sum of the means of -ln Pr(truth | percepts) of
-beliefs after all recordings of one behavior, one recording of each, and all recordings of all, with
-a half-normal(1) prior. An object's beliefs are by rows from which its own percepts are taken out.
-M, the grid's reach and the least probability of a level were set while looking at held-out figures
-of these data. Sigma is about .3 on ROC36, .9 on ISPY32, .6 on CY101.
+Sigma minimizes the sum of three means of -ln Pr(truth | percepts) over the training objects, with a
+half-normal(1) prior: after all recordings of one behavior, after one recording of each behavior,
+and after all recordings. The belief about an object uses rows from which its own percepts were
+removed. M, the reach of the grid and the smallest probability of a level were chosen while looking
+at held-out results on these data sets. Sigma is about .3 on ROC36, .9 on ISPY32, .6 on CY101.
 """
 
 from dataclasses import dataclass
@@ -43,16 +45,16 @@ from meal_bayes.seeds import stream
 Floating = NDArray[np.floating[Any]]
 
 _POINTS = 9  # M
-TYPICAL = 0.5  # sigma where nothing can be learned
+TYPICAL = 0.5  # sigma if it cannot be learned
 _REACH = 2.0  # the grid ends this many sigma beyond +-1
 _WITHIN = 0.5  # precision of rows given the trait, in units of that given the truth
 _BOUNDS = (0.1, 2.0)  # of sigma
 _SCALE = 1.0  # of its half-normal prior
 _DRAWS = 2  # selections of one recording of each behavior
-_LEAST = 1e-3  # Pr(a level | t) is at least this: any percept may be a slip
-_MATCHED = 1e-4  # tolerance of the rows' mixture
-_ROUNDS = 50  # iterations for it, at most
-_SCORED = 10  # most iterations while sigma is sought: more move it by less than its tolerance
+_LEAST = 1e-3  # smallest Pr(level | t), because any percept may be an error
+_MATCHED = 1e-4  # tolerance of the mixture of rows
+_ROUNDS = 50  # largest number of iterations that match the mixture
+_SCORED = 10  # the same while sigma is optimized; more change sigma by less than its tolerance
 _TINY = 1e-300
 
 
@@ -60,9 +62,17 @@ _TINY = 1e-300
 class SharedTrait(FrozenArrays):
     """The distribution of objects' traits given the truth.
 
-    Sigma is `sd`, of traits about the truth's +-1; points (M,) are t, rising, and latent classes
-    (2,M) Pr(t | truth).
+    Attributes
+    ----------
+    sd : float
+        Standard deviation sigma of traits about +-1.
+    points : Floats
+        (M,) values of the trait t, in increasing order.
+    latent_classes : Floats
+        (2,M) Pr(t | truth).
 
+    Examples
+    --------
     >>> classes = SharedTrait.of_sd(0.3).latent_classes
     >>> bool(np.allclose(classes.sum(axis=1), 1)), bool(np.allclose(classes[0], classes[1, ::-1]))
     (True, True)
@@ -85,11 +95,24 @@ class SharedTrait(FrozenArrays):
     def select(
         self, confusion: ArrayLike, precision: ArrayLike, *, rounds: int = _ROUNDS
     ) -> tuple[Floats, Floats]:
-        """Convert rows given the truth (...,2,K), of precision (...,2), to rows given the trait.
+        """Convert rows given the truth to rows given the trait.
 
-        Rows are above 0, a precision of inf is known exactly; the results are (...,M,K),
-        exponential in the trait, whose mixtures are the given rows, and (...,M). At most so many
-        `rounds` look for the rows.
+        Parameters
+        ----------
+        confusion : ArrayLike
+            (...,2,K) rows given the truth, all above 0.
+        precision : ArrayLike
+            (...,2) precision of these rows; inf if they are known exactly.
+        rounds : int
+            Largest number of iterations.
+
+        Returns
+        -------
+        rows : Floats
+            (...,M,K) rows given the trait, exponential in the trait; their mixtures over the trait
+            are the rows given the truth.
+        precision : Floats
+            (...,M) precision of these rows.
         """
         of_truth = np.asarray(confusion)
         of_truth = of_truth.astype(np.result_type(of_truth, np.float32), copy=False)
@@ -123,11 +146,18 @@ class SharedTrait(FrozenArrays):
 def learn_trait(
     posterior: ConfusionPosterior, levels: ArrayLike, labels: ArrayLike, base_rates: ArrayLike
 ) -> SharedTrait:
-    """Learn the standard deviation of objects' traits about their truth.
+    """Learn the standard deviation sigma of the traits of objects.
 
-    The posterior is learned from the same objects, which showed the levels (O,P,E,K) so often;
-    labels (O,P) are 1 true, 0 false, -1 unknown (left out, as are objects without percepts), base
-    rates (P,) the prior that an attribute is true.
+    Parameters
+    ----------
+    posterior : ConfusionPosterior
+        Posterior that was learned from the same objects.
+    levels : ArrayLike
+        (O,P,E,K) how often each object showed each level.
+    labels : ArrayLike
+        (O,P) 1 true, 0 false, -1 unknown. Unknown labels and objects without percepts are left out.
+    base_rates : ArrayLike
+        (P,) prior probability that an attribute is true.
     """
     counts = np.asarray(levels, dtype=np.intp)
     truth = np.asarray(labels)
@@ -146,14 +176,15 @@ def learn_trait(
 
 
 class _Evidence:
-    """Percepts of the training objects by V informative pairs, scored at any sigma.
+    """Percepts of the training objects by V informative pairs; computes the loss at any sigma.
 
-    Each object is scored by rows that its own percepts did not enter: by those that counted them,
-    its percepts would look more alike than those of a new object, and sigma too small. Objects of
-    one truth that showed a pair the same have the same rows, so that U of them are enough.
+    The rows for an object exclude its own percepts. Otherwise these would fit the rows better than
+    the percepts of a new object, and sigma would be too small. Objects with the same truth and the
+    same percepts of a pair have the same rows, so only U distinct rows are computed.
 
-    Scores are in single precision, which moves sigma by less than its tolerance. Attributes are
-    weighted by the variance of their label: a rare one is predicted well by its base rate alone.
+    Losses are in single precision, which changes sigma by less than its tolerance. Attributes are
+    weighted by the variance of their label, because a rare attribute is predicted well by its base
+    rate alone.
     """
 
     def __init__(
@@ -173,7 +204,7 @@ class _Evidence:
         perceived = pairs_of_attribute @ labeled  # (A,O)
         self.pairs_of_attribute = pairs_of_attribute.astype(np.float32)
         self.n_perceived = int(perceived.sum())
-        # What an object showed of a pair, and its truth: each of U distinct ones is scored once.
+        # Percepts of an object for a pair, with its truth: U distinct combinations.
         pair = np.broadcast_to(np.arange(len(attribute))[:, None], labeled.shape)
         shown = np.dstack([pair, true & labeled, percepts * labeled[..., None]])
         distinct, which = np.unique(shown.reshape(-1, shown.shape[-1]), axis=0, return_inverse=True)
@@ -207,7 +238,7 @@ class _Evidence:
         self.joint = odds[present], np.tile(sign[present], 1 + _DRAWS), joint
 
     def loss(self, trait: SharedTrait) -> float:
-        """Return the sum of the three means, and the prior of sigma."""
+        """Return the sum of the three means, plus the negative log prior of sigma."""
         rows, precision = trait.select(self.confusion, self.precision, rounds=_SCORED)
         log_classes = np.log(np.maximum(trait.latent_classes, _TINY)).astype(np.float32)
         # Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t:
@@ -233,7 +264,7 @@ class _Evidence:
 def _learned_prior(
     posterior: ConfusionPosterior, counts: NDArray[np.intp], truth: NDArray[np.int8]
 ) -> GradedPrior | None:
-    """Learn the prior of graded rows again, of which objects are then taken out."""
+    """Learn the prior of graded rows again, so that single objects can be removed from it."""
     if posterior.telling is None or counts.shape[-1] == 2:
         return None
     rows, votes = row_statistics(by_truth(counts, truth))
@@ -259,9 +290,9 @@ def _loss(
 
 @tiny_is_zero
 def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
-    """Return the log likelihood ratio (...) of the truths, traits summed out.
+    """Return the log likelihood ratio (...) of true against false, summed over the trait.
 
-    Of ln Pr(percepts | t) (...,M) and ln Pr(t | truth) (2,M).
+    The arguments are ln Pr(percepts | t) (...,M) and ln Pr(t | truth) (2,M).
     """
     peak = log_likelihood.max(axis=-1, keepdims=True)
     marginal = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)

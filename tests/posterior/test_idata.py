@@ -184,13 +184,13 @@ def test_a_probability_that_is_none_is_refused(with_telling, change):
 def test_a_file_that_is_none_is_told(fitted, tmp_path):
     (tmp_path / "p.nc").write_text("no netCDF")
     for name in ("p.nc", "q.nc"):
-        with pytest.raises(DataError, match="is no posterior in netCDF"):
+        with pytest.raises(DataError, match="is not a netCDF file of a posterior"):
             posterior_from(tmp_path / name, fitted[0])
 
 
 def test_what_is_no_posterior_is_told(fitted):
     domain, counts, draws = fitted
-    with pytest.raises(DataError, match="holds no posterior of confusion matrices"):
+    with pytest.raises(DataError, match="is not a posterior of confusion matrices"):
         posterior_from({}, domain)
     with pytest.raises(DataError, match="does not contain the percept counts"):
         posterior_from(idata.to_idata(draws), domain)
