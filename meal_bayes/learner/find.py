@@ -1,4 +1,4 @@
-"""Which of several objects is it? Ask about one after another, the most probable first."""
+"""Find one of several objects: ask about one after another, the most probable first."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,14 +19,14 @@ from meal_bayes.trials import Trial
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The result of `Learner.find`: an object, or none of them, and the trials that say so.
+    """Result of `Learner.find`: the object that was found, if any, and the trials.
 
     Attributes
     ----------
     object_name : str | None
-        The object of which the answer was yes; None: of none that was asked about.
+        Name of the object for which the answer was yes; None if there was no such answer.
     trials : Mapping[str, Trial]
-        The trial of each object that was asked about, in the order in which they were asked.
+        Trial of each object about which the agent asked, in the order of the trials.
     """
 
     object_name: str | None
@@ -43,7 +43,7 @@ class Found:
 
     @property
     def probability(self) -> float:
-        """Pr(yes) of the object; of none, the product of Pr(no) of all that were asked about."""
+        """Probability that the object fits, or that none of the objects of the trials fits."""
         yes = {name: trial.probability or 0.0 for name, trial in self.trials.items()}
         if self.object_name is not None:
             return yes[self.object_name]
@@ -56,7 +56,7 @@ class Found:
 
     @property
     def success(self) -> bool | None:
-        """Whether the result is right; None where the truth is not known."""
+        """Whether the result is right; None if the truth is unknown."""
         trials = [self.trials[self.object_name]] if self.object_name else [*self.trials.values()]
         right = [trial.success for trial in trials]
         if self.object_name is None and False in right:
@@ -70,10 +70,10 @@ def read_claim(
     payoffs: Sequence[float] | None,
     settings: LearnerSettings,
 ) -> Query:
-    """Read a question of yes or no, in which by default only the answer yes is paid for.
+    """Read a yes-or-no question, in which by default the answer no has a reward of 0.
 
-    A right and a wrong yes earn what they do in other questions, and "no" nothing: whoever goes on
-    to the next object has not claimed anything.
+    A right and a wrong yes have the rewards of other questions. After the answer no, the search
+    only continues with the next object.
     """
     query = (
         question if isinstance(question, Query) else read_question(question, domain, "yes or no")
@@ -86,7 +86,7 @@ def read_claim(
 
 
 def checked_objects(objects: Any) -> dict[str, Robot | None]:
-    """Return the robot of each object by the object's name; None where it is replayed."""
+    """Return the robot of each object by the object's name; None if the object is replayed."""
     if isinstance(objects, str) or not isinstance(objects, Mapping | Sequence) or not objects:
         raise SettingsError(
             f"objects is {objects!r:.60}; give names of recorded objects, or {{name: robot}}."

@@ -207,8 +207,8 @@ class Learner:
     >>> from meal_bayes import Learner, load_percepts
     >>> learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
     >>> trial = learner.ask("Is it heavy?", "heavy_blue_beans")
-    >>> trial.task.query.report_name(trial.report), trial.success
-    ('heavy', True)
+    >>> trial.answer, trial.success
+    ({'heavy': True}, True)
     """
 
     def __init__(
@@ -295,8 +295,8 @@ class Learner:
     def is_refitting(self) -> bool:
         """Whether a refit that `tell` or `forget` started is still running.
 
-        The next call that needs what was learned waits for its end. If it failed, its error is
-        raised there.
+        The next call that needs the result waits until the refit has ended. If the refit failed,
+        that call raises its error.
         """
         return self._lock.is_busy
 
@@ -329,7 +329,7 @@ class Learner:
             return self._fits.held_out(self.table, self.agent, o).knowledge
 
     def fitted(self, agent: Agent) -> Online:
-        """Return what an agent learns from the experience; it is fitted when it is first needed."""
+        """Return what an agent learns from the experience; the first call fits the agent."""
         with self._lock:
             return self._fits.of(agent)
 
@@ -721,7 +721,10 @@ class Learner:
         return trial
 
     def hear_trial(self, trial: Trial, n_steps: int | None = None) -> None:
-        """Record a trial from a log, or its first steps, and learn from it if it has ended."""
+        """Record a logged trial, or its first steps, and learn from it if it has ended.
+
+        This method and the others whose names begin with `hear` are called by `recall`.
+        """
         self.record(trial if n_steps is None else replace(trial, steps=trial.steps[:n_steps]))
         if n_steps is None and trial.ended != UNFINISHED:
             with self._lock:

@@ -44,6 +44,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
 
     Parameters
     ----------
+    learner : Learner
+        Learner that gets the experience; usually a new one with the same settings.
     logs : str or Path
         A log file or a folder of log files, or several of them.
 

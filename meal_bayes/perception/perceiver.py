@@ -37,8 +37,20 @@ class Perceiver(Protocol):
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
         """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes).
 
-        The level of an attribute without a percept is -1. If no attribute has a percept, return
-        None.
+        Parameters
+        ----------
+        instance : Instance
+            The executed behavior with the features or the recording that it gave.
+        query : Query
+            The question, about N attributes.
+        rng : np.random.Generator
+            Random generator to use.
+
+        Returns
+        -------
+        levels : Levels | None
+            (N,) percept levels; -1 for attributes without a percept. None if no attribute has a
+            percept.
         """
         ...
 

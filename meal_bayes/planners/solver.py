@@ -235,7 +235,7 @@ class History:
     moved : tuple[int, ...]
         Index of the state after each action.
     cost : float
-        s.
+        Cost of these steps, s.
     unread : tuple[int, ...]
         Positions of actions whose features could not be read.
     """
@@ -284,7 +284,20 @@ class Policy(Protocol):
     """
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the next action."""
+        """Choose the next action.
+
+        Parameters
+        ----------
+        history : History
+            The steps of the trial so far; `history.belief` is the belief after them.
+        rng : np.random.Generator
+            Random generator to use. Other sources of randomness make trials irreproducible.
+
+        Returns
+        -------
+        decision : Decision
+            A legal behavior or an answer, with its values if the policy computes values.
+        """
         ...
 
 
@@ -307,7 +320,20 @@ class Solver(Protocol):
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Policy:
-        """Return a policy for a MOMDP."""
+        """Return a policy for a MOMDP.
+
+        Parameters
+        ----------
+        momdp : MOMDP
+            The decision problem of a question.
+        rng : np.random.Generator
+            Random generator to use while solving.
+
+        Returns
+        -------
+        policy : Policy
+            A new policy for each call.
+        """
         ...
 
 

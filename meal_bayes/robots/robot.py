@@ -66,7 +66,7 @@ class Outcome(ByValue):
 
 @runtime_checkable
 class Robot(Protocol):
-    """Protocol of robots. To use your own robot, implement these two methods.
+    """Protocol of robots: an object with the methods `start` and `execute`.
 
     Examples
     --------
@@ -81,11 +81,15 @@ class Robot(Protocol):
     """
 
     def start(self) -> str:
-        """Start a trial, and return the name of the observed state."""
+        """Start a trial, and return the name of the state in which the robot is."""
         ...
 
     def execute(self, behavior: str) -> Outcome:
-        """Execute a behavior, given by its name, and return its outcome."""
+        """Execute a behavior, given by its name, and return its outcome.
+
+        If the behavior fails, return the state in which the robot is, without features. An
+        exception ends the trial.
+        """
         ...
 
 

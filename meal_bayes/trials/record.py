@@ -1,4 +1,4 @@
-"""Records of a trial: its task, its steps, what came of it."""
+"""Records of a trial: its task, its steps, and its result."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -30,17 +30,17 @@ class Task:
     Attributes
     ----------
     name : str
-        Of the task.
+        Name of the task, such as the question as it was asked.
     query : Query
-        What is asked.
+        The question.
     object_index : int
-        In the data set; -1: an object of which nothing is recorded.
+        Index of the object in the data set; -1 if the object is not recorded there.
     object_name : str
-        The object's name.
+        Name of the object.
     key : Key
-        Texts and numbers; names every random stream of the trial.
+        Texts and numbers that select the random streams of the trial.
     learn : bool
-        Whether it may become experience; else it is a test.
+        Whether the agent may learn from the trial. If False, the trial is a test.
     """
 
     name: str
@@ -56,31 +56,33 @@ class Task:
 
     @property
     def question(self) -> str:
-        """The question as it was asked, else the names of what is asked."""
+        """The question as it was asked, or the names of the queried attributes and groups."""
         return self.name if self.name.endswith("?") else self.query.text
 
 
 @dataclass(frozen=True, slots=True)
 class Step(ByValue):
-    """One executed action.
+    """One step of a trial: an executed behavior, or the answer.
 
     Attributes
     ----------
     x, next_x : int
-        States before and after.
+        Indices of the states before and after the step.
     decision : Decision
-        The action and its values.
+        The chosen action and the values on which the choice is based.
     observation : NDArray[np.int8] | None
-        (N,) percept levels, -1 where nothing came of an attribute; None where nothing came of any.
+        (N,) percept levels, -1 for attributes without a percept; None if there is no percept.
     cost, reward : float
-        Of this step, s; the true (unshaped) reward, nan where the truth is not known.
+        Cost of the step in seconds, and its reward without exploration bonus. The reward is nan if
+        the truth is not known.
     belief : Belief
-        After the step.
+        Belief after the step.
     warning : str
-        Why sensor data of the robot were not used as a percept, or which limit brought the answer;
-        empty: neither.
+        Why sensor data of the robot were not used, or which limit ended the trial; empty if there
+        is no warning.
     sensed : Instance | None
-        What a robot sensed, of which nothing is recorded elsewhere; None of a replay.
+        Features, percepts and answers that a robot returned; None in replays, whose data set
+        contains them.
     """
 
     x: int
@@ -97,13 +99,13 @@ class Step(ByValue):
 
     @property
     def unread(self) -> bool:
-        """Whether features or answers came of which nothing could be read."""
+        """Whether the robot returned features or answers, and none could be read."""
         return self.observation is None and self.warning.startswith(NO_PERCEPT)
 
 
 @dataclass(frozen=True, slots=True)
 class TrialRecord(FrozenArrays):
-    """The paper's xi, with its beliefs and decisions; a `Trial` is one that shows itself.
+    """Data of a trial (the paper's xi) with beliefs and decisions; `Trial` adds text and pictures.
 
     Attributes
     ----------
@@ -114,17 +116,18 @@ class TrialRecord(FrozenArrays):
     momdp : MOMDP
         The decision problem.
     first_belief : Belief
-        Before the first step.
+        Belief before the first step.
     steps : tuple[Step, ...]
-        In order.
+        Steps in their order. The last one is the answer, if there is one.
     truth : NDArray[np.int8]
-        (N,) 1 true, 0 false, -1 not known.
+        (N,) truth of the queried attributes: 1 true, 0 false, -1 unknown.
     report : NDArray[np.bool_] | None
-        (N,), or of yes or no (1,) whether it is yes; None: the agent abstained.
+        (N,) reported values of the queried attributes; (1,) whether the answer is yes, for a
+        yes-or-no question; None if there is no report.
     ended : str
-        Why the trial was broken off, such as "robot error: ..."; empty: it was not.
+        Why the trial ended without an answer, such as "robot error: ..."; empty otherwise.
     counts : NDArray[np.float64] | None
-        (N,E,2,K) labeled percepts behind the rows of the MOMDP, where they are known.
+        (N,E,2,K) counts of the labeled percepts from which the MOMDP was learned; None if unknown.
     """
 
     task: Task
@@ -139,11 +142,10 @@ class TrialRecord(FrozenArrays):
 
     @property
     def answer(self) -> dict[str, bool | str] | None:
-        """The report by what was asked: of a group its value, of others True or False.
+        """The answer as a dictionary: for a group its value, for an attribute True or False.
 
-        Of an event, in its words, whether it is yes: ``{"red and not empty": True}``. None where
-        the agent abstained, or the trial was broken off: `if trial.answer` would not tell "no" from
-        nothing, as its values do.
+        The key of a yes-or-no question is its text: ``{"red and not empty": True}``. The answer is
+        None if the agent answered "I do not know", or if the trial ended without an answer.
         """
         if self.report is None:
             return None
@@ -161,17 +163,17 @@ class TrialRecord(FrozenArrays):
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings of the steps, each once."""
+        """Warnings of the steps, without repetitions."""
         return list(dict.fromkeys(step.warning for step in self.steps if step.warning))
 
     @property
     def judged(self) -> bool:
-        """Whether success is known: the trial came to its end, and the right report is known."""
+        """Whether `success` is known: the trial has ended regularly, and the truth is known."""
         return not self.ended and bool((self.task.query.report_truth(self.truth) >= 0).all())
 
     @property
     def success(self) -> bool | None:
-        """Rst of Eq. 5: a report right in all attributes; None where that is not known."""
+        """Whether the whole report is right (Rst of Eq. 5); None if this is not known."""
         if not self.judged:
             return None
         right = self.task.query.report_truth(self.truth)
@@ -179,9 +181,9 @@ class TrialRecord(FrozenArrays):
 
     @property
     def probability(self) -> float | None:
-        """Pr(yes is right) when the trial ended, of a question of yes or no; None of values.
+        """Probability at the end of the trial that yes is right; None for other questions.
 
-        A question of one attribute is one of yes or no, too.
+        A question about one attribute is a yes-or-no question, too.
         """
         if self.task.query.event is None and self.task.query.yes_or_no:
             return float(self.last_belief.positive[0])
@@ -189,24 +191,24 @@ class TrialRecord(FrozenArrays):
 
     @property
     def certainty(self) -> float:
-        """Pr(most probable values) when the trial ended; of an event, of the likelier answer."""
+        """Probability of the most probable values, or of yes or no, at the end of the trial."""
         if self.task.query.event is None or self.probability is None:
             return self.last_belief.certainty
         return max(self.probability, 1.0 - self.probability)
 
     @property
     def cost(self) -> float:
-        """Cst of Eq. 6, s: the summed cost of the executed behaviors."""
+        """Sum of the costs of the executed behaviors, in seconds (Cst of Eq. 6)."""
         # In order: `sum` rounds otherwise from Python 3.12 on, and logs hold every bit.
         return reduce(add, (step.cost for step in self.steps), 0.0)
 
     @property
     def reward(self) -> float:
-        """Undiscounted, unshaped return; nan where the truth of a report is not known."""
+        """Sum of rewards without discount and exploration bonus; nan if the truth is unknown."""
         return reduce(add, (step.reward for step in self.steps), 0.0)
 
     def with_truth(self, truth: NDArray[np.int8]) -> Self:
-        """Return the trial as another truth (N,) of its object judges it: 1, 0, -1 not known."""
+        """Return the trial with another truth (N,): 1 true, 0 false, -1 unknown."""
         steps = self.steps
         if self.report is not None:
             right = self.task.query.report_truth(truth)
@@ -221,7 +223,7 @@ class TrialRecord(FrozenArrays):
 
 
 def answer_reward(momdp: MOMDP, report: NDArray[np.bool_] | None, right: NDArray[np.int8]) -> float:
-    """Return what a report, or none, earns; nan where what is right (1, 0, -1) is not known."""
+    """Return the reward of a report, or of no report; nan if the right report is unknown (-1)."""
     if report is None:
         return ABSTAINED
     return momdp.reports.reward(report, right) if (right >= 0).all() else float("nan")
@@ -230,10 +232,10 @@ def answer_reward(momdp: MOMDP, report: NDArray[np.bool_] | None, right: NDArray
 def answer_step(
     momdp: MOMDP, belief: Belief, decision: Decision, right: NDArray[np.int8], warning: str = ""
 ) -> Step:
-    """Return the last step of a trial: a decision to answer, or to abstain, at a belief.
+    """Return the last step of a trial: the decision to answer or to abstain, given a belief.
 
-    `right` is the right report, 1, 0, or -1 where it is not known; the warning says which limit
-    brought the answer.
+    `right` is the right report: 1 true, 0 false, -1 unknown. The warning says which limit ended the
+    trial.
     """
     report = momdp.reported(decision.action)
     last_belief = belief.at(momdp.terminal)
@@ -250,19 +252,19 @@ def answer_step(
 
 
 def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:
-    """Return the truth of the queried attributes, (N,): 1 true, 0 false, -1 not known.
+    """Return the truth of the queried attributes, (N,): 1 true, 0 false, -1 unknown.
 
     Parameters
     ----------
     query : Query
-        What is asked.
+        The question.
     truth : Mapping[str, bool] | ArrayLike | None
-        By attribute, or (N,) in the query's order; None where nothing is known.
+        Truth by attribute, or (N,) in the query's order; None if nothing is known.
 
     Raises
     ------
     QueryError
-        Another number of values, or one that is no label.
+        The number of values is wrong, or a value is not a label.
     """
     if truth is None:
         return np.full(len(query), -1, np.int8)

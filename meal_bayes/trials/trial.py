@@ -1,4 +1,4 @@
-"""A trial that shows itself: as text, picture, HTML and data frame."""
+"""A trial with its text, picture, HTML and data frame."""
 
 from base64 import b64encode
 from dataclasses import dataclass
@@ -37,7 +37,10 @@ if TYPE_CHECKING:
 class Trial(TrialRecord):
     """A finished or interrupted trial: its question, steps, answer, cost and reward.
 
-    `print` shows a trial as text, `plot` draws it, and a notebook shows it as HTML.
+    `print` shows a trial as text, `plot` draws it, and a notebook shows it as HTML. The attributes
+    that are read most often are `answer` (a dictionary, or None without an answer), `success`
+    (whether the answer is right, or None if this is unknown), `certainty` or `probability`, `cost`
+    (s), `reward` and `steps`; see `TrialRecord` for all of them.
 
     Examples
     --------
@@ -65,7 +68,7 @@ class Trial(TrialRecord):
     __repr__ = facts_repr
 
     def __str__(self) -> str:
-        """Return question, answer, how sure it is and what it cost, and a line for each step."""
+        """Return the question, the answer, its probability, the cost, and a line for each step."""
         answer = verdict_text(self)
         if self.report is not None:
             answer = (
