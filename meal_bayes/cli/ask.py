@@ -33,7 +33,7 @@ _SEED = 0  # with which that object is taken
 def demo(seed: int, logs: Path) -> None:
     """Show one trial step by step. Start here.
 
-    The percepts of a real robot come with the package; another seed takes another object.
+    The package contains the percepts of a real robot. Another seed chooses another object.
     """
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.datasets import load_percepts
@@ -245,7 +245,7 @@ def _replied(text: str, choices: Sequence[str]) -> str:
 
 @click.group(cls=Section)
 def memory() -> None:
-    """Show or forget the labels that `ask --learn` received."""
+    """List or remove the labels that people gave to objects."""
 
 
 @memory.command(short_help="List the labels that people gave to objects.")
@@ -253,7 +253,8 @@ def memory() -> None:
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List the labels that people gave to objects, by `ask --learn` or a Learner in Python.
 
-    Labels given for a trial in Python stand with that trial: use `log show`.
+    Labels that were given for a trial in Python are not listed; `meal-bayes log show` shows them
+    with the trial.
     """
     from meal_bayes.datasets.percepts import domain_of
     from meal_bayes.trial_log import Feedback
@@ -270,11 +271,11 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     terminal.print_table(("object", "is"), cells, left_aligned=("is",))
 
 
-@memory.command()
+@memory.command(short_help="Remove labels; the trials remain in their logs.")
 @click.option("--object", "name", metavar="NAME", help="Only the labels of this object.")
 @opt.shared("dataset", "root", "logs")
 def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
-    """Forget labels; the trials stay in their logs."""
+    """Remove the labels of one object or of all objects; the trials remain in their logs."""
     from meal_bayes.datasets.percepts import domain_of
 
     told, _ = _told(domain_of(dataset), logs)

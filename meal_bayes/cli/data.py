@@ -22,19 +22,19 @@ _COUPLED = 6  # pairs of attributes
 
 @click.group(cls=Section)
 def data() -> None:
-    """Fetch recordings and compute percept tables, also your own."""
+    """List, download and import data sets, and make percept tables."""
 
 
-@data.command("list", short_help="List the data sets, or what one holds.")
+@data.command("list", short_help="List the data sets, or the content of one.")
 @click.argument("name", required=False)
 @opt.option("--dataset", None, None, "NAME|FILE", "Same as NAME.")
 @opt.shared("root", "json")
 def list_(name: str | None, dataset: str | None, root: Path | None, as_json: bool) -> None:
-    """List the data sets that ship as percept tables, and whether their recordings are here.
+    """List the data sets of the package, and how many files of their recordings are here.
 
     With the NAME of a data set, the path of your own domain (TOML, with --root), or the path of
-    your own table (.npz), list what can be asked of it, and of how many objects each attribute
-    is true and false.
+    your own table (.npz), list its objects and attributes, and for how many objects each
+    attribute is true and false.
     """
     from meal_bayes.datasets import cache_folder, load_dataset, load_percepts, verify
     from meal_bayes.datasets.sources import SOURCES
@@ -73,10 +73,10 @@ def list_(name: str | None, dataset: str | None, root: Path | None, as_json: boo
     )
 
 
-@data.command(short_help="Download the recordings of a data set, checked.")
+@data.command(short_help="Download the recordings of a data set.")
 @click.argument("dataset")
 def fetch(dataset: str) -> None:
-    """Download the recordings of a data set once, checked against pinned digests."""
+    """Download the recordings of a data set once, and verify their checksums."""
     from meal_bayes import datasets
 
     total = len(datasets.registry(dataset))
@@ -85,10 +85,10 @@ def fetch(dataset: str) -> None:
     terminal.say(f"{dataset}: {total} files in {folder}")
 
 
-@data.command(short_help="Compare the files in the cache with their digests.")
+@data.command(short_help="Verify the checksums of downloaded files.")
 @click.argument("dataset")
 def verify(dataset: str) -> None:
-    """Compare the files in the cache with their digests; the exit code is 1 where they differ."""
+    """Verify the checksums of downloaded files; exit with 1 if a file differs or is missing."""
     from meal_bayes import datasets
 
     states = datasets.verify(dataset)

@@ -15,10 +15,10 @@ _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "pymc", "arviz", "jobli
               "rerun-sdk", "matplotlib", "pandas", "dask", "mujoco", "gymnasium")  # fmt: skip
 
 
-@click.command(short_help="Show the environment, for a bug report.")
+@click.command(short_help="Print versions and settings, for a bug report.")
 @shared("json")
 def doctor(as_json: bool) -> None:
-    """Show versions, folders, viewer and cores, for a bug report.
+    """Print versions, folders, viewer and number of cores, for a bug report.
 
     Nothing is changed, and nothing is sent anywhere.
     """

@@ -142,7 +142,7 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
 @_file
 @shared("json")
 def check(file: Path, as_json: bool) -> None:
-    """Read a log, or all logs in a folder, to the end and list problems; exit with 1 if any."""
+    """Read a log, or all logs in a folder, to the end; list problems, and exit with 1 if any."""
     from meal_bayes.trial_log import check_log, log_files
 
     reports = list(map(check_log, log_files(file)))
@@ -150,7 +150,7 @@ def check(file: Path, as_json: bool) -> None:
         _print_json(reports, file)
     else:
         for report in reports:
-            state = "whole, nothing is missing or changed" if report.whole else "not sound"
+            state = "complete and undamaged" if report.whole else "incomplete or damaged"
             state = state if report.ours else "no log of meal_bayes"
             held = f"{report.trials} trials, {report.steps} steps can be read"
             facts = {"file": str(report.path), "state": state, "holds": held}
@@ -163,7 +163,7 @@ def check(file: Path, as_json: bool) -> None:
         click.get_current_context().exit(UNSOUND)
 
 
-@log.command(short_help="Save the trials of a torn log into a new one.")
+@log.command(short_help="Save the readable trials of a damaged log.")
 @_file
 @option("--out", FILE, None, "FILE", "The new file.")
 @shared("json")
@@ -219,7 +219,7 @@ def _as_text(value: object) -> str:
     return "-" if value is None else str(value)
 
 
-@click.command(short_help="Write one page (HTML) of a run: tables, figures, worst trials.")
+@click.command(short_help="Write an HTML page: tables, figures, worst trials.")
 @_logs
 @option(
     "-o --out",
@@ -233,10 +233,10 @@ def _as_text(value: object) -> str:
     None,
     None,
     "AGENT",
-    "Agent that the others are compared with; the paper's by default, else the first.",
+    "Agent with which the others are compared; by default the paper's, or else the first.",
 )
 def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
-    """Write a page about the trials in LOGS, which are files or the folders of runs."""
+    """Write an HTML page about the trials in LOGS, which are files or the folders of runs."""
     from meal_bayes.evaluation.report import write_report
     from meal_bayes.trial_log import Logs
 
@@ -258,7 +258,7 @@ def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-@click.command(short_help="Say which agent is ahead, and how sure that is.")
+@click.command(short_help="Print paired differences between agents, with intervals.")
 @_logs
 @option(
     "--measure",
@@ -272,7 +272,7 @@ def _counted(number: int, noun: str) -> str:
     None,
     None,
     "AGENT",
-    "Agent that the others are compared with; the paper's by default, else the first.",
+    "Agent with which the others are compared; by default the paper's, or else the first.",
 )
 @shared("json")
 def compare(logs: tuple[Path, ...], measure: str, reference: str | None, as_json: bool) -> None:

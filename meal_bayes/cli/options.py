@@ -99,7 +99,7 @@ _SHARED = {
         "Classifiers that compute the percepts: those of the package, or the paper's.",
     ),
     "yes_no": click.option(
-        "--yes-no", is_flag=True, help='Answer yes or no: "Is it red and not heavy?", "... or ...".'
+        "--yes-no", is_flag=True, help='Ask a yes-or-no question: "Is it red and not heavy?".'
     ),
     "payoffs": click.option(
         "--payoffs", type=float, nargs=4, metavar="S S S S",

@@ -33,7 +33,7 @@ def run() -> None:
     """Run many trials of several agents."""
 
 
-@run.command(short_help="Agents answer the same queries about new objects.")
+@run.command(short_help="Agents answer the same questions about new objects.")
 @opt.shared("dataset", "root")
 @opt.option(
     "--attributes", click.IntRange(1, opt.NAME_LIMIT), 2, "N", "Number of attributes in a question."
@@ -188,8 +188,8 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     )
     terminal.print_table(columns, cells, narrow=True)
     text = (
-        f"{rows[0].trials} trials an agent; [{MASS_TEXT} interval], {ERROR_TEXT}, objects "
-        "drawn as wholes; NLL and ECE of the final belief"
+        f"{rows[0].trials} trials for each agent; [{MASS_TEXT} interval]; {ERROR_TEXT}; objects "
+        "are clusters; NLL and ECE of the final belief"
     )
     console.print(Text(text, "dim"))
     if paired:
@@ -206,7 +206,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
         terminal.print_table(heads, differences)
 
 
-@run.command(short_help="Agents learn while they work, tested after every batch.")
+@run.command(short_help="Agents learn while they work, and are tested in between.")
 @opt.shared("dataset", "root")
 @opt.option(
     "--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Number of attributes in a question."

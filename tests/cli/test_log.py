@@ -80,7 +80,7 @@ def test_folders_and_compact_logs_are_read(run, log, torn):
 
 
 def test_check(run, log, torn):
-    assert "whole" in run("log", "check", log).stdout
+    assert "undamaged" in run("log", "check", log).stdout
     broken = run("log", "check", torn, "--json")
     assert broken.exit_code == 1
     told = json.loads(broken.stdout)

@@ -42,7 +42,7 @@ def test_the_table_fits_and_names_the_log(run):
     assert max(map(len, lines)) <= 80
     assert lines[0].split()[:3] == ["agent", "accuracy", "cost,"]
     assert [line.split()[0] for line in lines[1:3]] == ["greedy", "predefined_plus"]
-    assert lines[3].startswith("12 trials an agent")
+    assert lines[3].startswith("12 trials for each agent")
     assert "trials in logs/offline-roc36-n2-seed0-" in result.stderr
 
 
