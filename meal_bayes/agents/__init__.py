@@ -1,7 +1,7 @@
-"""Agents: `Knowledge` and a `Solver` make a `Trial`.
+"""Agents: they turn `Knowledge` into a decision problem and choose the `Solver` for it.
 
-Algorithm 1 is `learner/held_out.py`, Algorithm 2 `learner/online.py`, their inner loop
-`trials/session.py`; the named agents are a table in `named.py`.
+Algorithm 1 of the paper is in `learner/held_out.py`, Algorithm 2 in `learner/online.py`, and their
+inner loop in `trials/session.py`. The named agents are defined in `named.py`.
 """
 
 from meal_bayes.agents.agent import Agent

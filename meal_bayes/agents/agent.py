@@ -1,4 +1,4 @@
-"""An agent: how knowledge becomes a decision problem, and how that is solved."""
+"""An agent: settings that turn knowledge into a decision problem, and its planner."""
 
 import inspect
 from collections.abc import Callable, Sequence
@@ -169,7 +169,7 @@ class Agent:
         return momdp if joint is None else with_joint_prior(momdp, joint)
 
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:
-        """Return the rows of the confusion posterior, of latent classes where they are shared."""
+        """Return rows, precision and latent classes from the posterior, and the trait if any."""
         confusion, precision = knowledge.posterior.select(columns, exact=not self.object_level)
         if not self.shared_trait or knowledge.trait is None:
             return confusion, precision, None

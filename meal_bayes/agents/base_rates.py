@@ -1,12 +1,13 @@
-"""Base rates: how often each attribute is true, pooled over the attributes that a robot knows.
+"""Base rates: how often each attribute is true, pooled over the attributes of a domain.
 
-A robot that was told little of an attribute was told something of others: how often they are true,
-and how far they differ. The hierarchy is
+If an attribute has few labels, the labels of the other attributes show how often attributes are
+true, and how much their rates differ. The hierarchical model is
 
-    mu ~ Beta(1, 2);  n0 in {1, 2, 4, ..., 64}, each as likely
+    mu ~ Beta(1, 2);  n0 in {1, 2, 4, ..., 64}, equally probable
     r_p | mu, n0 ~ Beta(n0 mu, n0 (1 - mu));  k_p of n_p labeled objects are true
 
-and is exact on a grid of 49 values of mu and 7 of n0: r_p integrates out, so that a point weighs
+It is represented by a grid of 49 values of mu and 7 of n0. The rates r_p are integrated out in
+closed form, so a point of the grid has the weight
 
     w(mu, n0) ~ Beta(mu; 1, 2) prod_p B(n0 mu + k_p, n0 (1 - mu) + n_p - k_p)
                                       / B(n0 mu, n0 (1 - mu)).
@@ -15,19 +16,20 @@ Given the weights, the posterior of a rate is a mixture of Betas, of mean
 
     sum w (k_p + n0 mu) / (n_p + n0).
 
-With nothing told that is 1/3. Rates that differ much make n0 small, so that little is pooled. The
-weights are constants between refits, as the objects' dispersions are; else a label of one attribute
-would move all rates, and every plan would be made anew.
+Without labels, the mean is 1/3. If rates differ much, n0 is small and there is little pooling. The
+weights are constant between refits, like the objects' dispersions. Otherwise a label of one
+attribute would change all rates, and every plan would have to be computed again.
 
-The values of a group exclude each other, so they are not pooled with the rest: they keep a
+The values of a group exclude each other, so they are not pooled with other attributes: they have a
 symmetric Dirichlet prior.
 
-If labels are known to be right with a probability a below 1, a label counts as true in part, by
+If labels are right with a known probability a below 1, a label counts as true with the probability
 
     Pr(true | yes) = a r / (a r + (1 - a) (1 - r))
     Pr(true | no) = (1 - a) r / ((1 - a) r + a (1 - r))
 
-at the rates r at which all counts agree (expectation maximization). Labels of groups count in full.
+at rates r that agree with these counts (expectation maximization). Labels of groups have full
+weight.
 """
 
 from dataclasses import dataclass
@@ -47,13 +49,13 @@ _TRUE = _STRENGTHS * _MEANS  # Beta parameters of a rate at each of the Q points
 _FALSE = _STRENGTHS * (1.0 - _MEANS)
 _LOG_NORM = betaln(_TRUE, _FALSE)
 
-_STEP = 0.5  # between log-odds of the rates that stand for the whole posterior
+_STEP = 0.5  # step between the log-odds of the rates that represent the posterior
 _LOG_ODDS = np.arange(-7.0, 7.0 + _STEP / 2, _STEP)
 RATES: Floats = expit(_LOG_ODDS)  # (R,), see `BaseRates.probabilities`
 
 _ROUNDS = 100  # of expectation maximization
-_SAME = 1e-12  # rates that move by less stay
-_SAME_COUNT = 1e-6  # objects; counts that move by less stay
+_SAME = 1e-12  # change of rates below which the iteration ends
+_SAME_COUNT = 1e-6  # change of counts below which the iteration ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,17 +65,16 @@ class BaseRates(FrozenArrays):
     Attributes
     ----------
     true : NDArray[np.float64]
-        (P,) labeled objects of which the attribute is true. An object whose value of a group is
-        known in part counts in part for each value that is left, and so does a label that may be
-        wrong.
+        (P,) number of labeled objects for which the attribute is true. It is a fraction for labels
+        that may be wrong, and for an object whose labels leave several values of a group possible.
     labeled : NDArray[np.float64]
-        (P,) labeled objects.
+        (P,) number of labeled objects.
     values : NDArray[np.int64]
-        (P,) number of values of the attribute's group; 0 of an attribute that is in none.
+        (P,) number of values of the attribute's group; 0 if the attribute is in no group.
     weights : NDArray[np.float64]
         (Q,) probabilities of the points (mu, n0) of the grid.
     label_accuracy : float
-        Pr(a label is right).
+        Probability that a label is right.
 
     Examples
     --------
@@ -93,7 +94,7 @@ class BaseRates(FrozenArrays):
 
     @property
     def mean(self) -> Floats:
-        """Pr(attribute) of a new object, (P,)."""
+        """Posterior mean of the base rates: the prior probability for a new object, (P,)."""
         pooled = (self.true[:, None] + _TRUE) / (self.labeled[:, None] + _STRENGTHS) @ self.weights
         values = np.maximum(self.values, 1)
         of_group = (self.true + PRIOR_OBJECTS) / (self.labeled + values * PRIOR_OBJECTS)
@@ -101,21 +102,21 @@ class BaseRates(FrozenArrays):
 
     @property
     def of_labels(self) -> Floats:
-        """Pr(a label of a new object says yes), (P,); the mean, where labels are never wrong."""
+        """Pr(a label of a new object says yes), (P,); the mean if labels are always right."""
         wrong = np.where(self.values > 0, 0.0, 1.0 - self.label_accuracy)
         return np.asarray(self.mean * (1.0 - wrong) + (1.0 - self.mean) * wrong)
 
     @property
     def probabilities(self) -> Floats:
-        """Probabilities (P,R) that each attribute's rate is about each of `RATES`."""
-        # Beta parameters (P,Q) of the mixture; the value of a group has one Beta, in each part.
+        """Posterior of the rates, as probabilities (P,R) of the points `RATES`."""
+        # Beta parameters (P,Q) of the mixture; for a value of a group, all parts are equal.
         in_group = self.values[:, None] > 0
         true = self.true[:, None] + np.where(in_group, PRIOR_OBJECTS, _TRUE)
         others = np.where(in_group, (self.values[:, None] - 1) * PRIOR_OBJECTS, _FALSE)
         false = (self.labeled - self.true)[:, None] + others
         log_norm = betaln(true, false)
-        # The density of log-odds is r^a (1 - r)^b / B(a, b); beyond the ends it is a power of r, or
-        # of 1 - r, whose integral is known.
+        # The density of the log-odds is r^a (1 - r)^b / B(a, b); beyond the ends, it is nearly a
+        # power of r or of 1 - r, whose integral is known.
         log_true = np.log(RATES)
         log_false = np.log1p(-RATES)
         total = np.empty((len(self.true), len(RATES)))
@@ -142,14 +143,14 @@ def learn_base_rates(
     Parameters
     ----------
     domain : Domain
-        Of the attributes and their groups.
+        Domain with the P attributes and their groups.
     labels : ArrayLike
-        (O,P) of objects: 1 true, 0 false, -1 unknown.
+        (O,P) labels of objects: 1 true, 0 false, -1 unknown.
     weights : Floats, optional
-        (Q,) probabilities of the grid's points, where these were learned before; by default they
-        are learned from the same labels.
+        (Q,) probabilities of the grid's points that were learned before. By default, they are
+        learned from the same labels.
     label_accuracy : float
-        Pr(a label is right), above one half.
+        Probability that a label is right, above one half.
     """
     known = np.asarray(labels)
     labeled = (known >= 0).sum(axis=0).astype(float)
@@ -166,7 +167,7 @@ def learn_base_rates(
         rates = BaseRates(true, labeled, values, pooled, label_accuracy)
         if label_accuracy == 1.0:
             break
-        # Of the labels that say yes, and no, the part whose attribute is true.
+        # Expected number of objects with a true attribute, from the labels that say yes and no.
         mean = rates.mean
         right, wrong = label_accuracy * mean, (1.0 - label_accuracy) * mean
         of_labels = rates.of_labels
@@ -180,7 +181,7 @@ def learn_base_rates(
 
 def _grid_weights(true: Floats, labeled: Floats) -> Floats:
     """Compute Pr(mu, n0 | labels), (Q,), from the numbers (P,) of true and of labeled objects."""
-    # Attributes of equal counts have equal factors.
+    # Attributes with equal counts have equal factors, which are computed once.
     counts, times = np.unique(np.stack([true, labeled], axis=1), axis=0, return_counts=True)
     k = counts[:, :1]
     n = counts[:, 1:]
@@ -191,10 +192,11 @@ def _grid_weights(true: Floats, labeled: Floats) -> Floats:
 
 
 def _shared_out(labels: NDArray[np.integer]) -> tuple[Floats, float]:
-    """Count the objects of each value of a group (K,), and in all, from labels (O,K).
+    """Count the objects with each value of a group (K,), and all objects, from labels (O,K).
 
-    An object of which only some values are ruled out counts for the others by their rates, which
-    are those at which all counts agree (expectation maximization; one step where values are known).
+    If the labels of an object exclude only some values, the object counts for the other values in
+    proportion to their rates, which are found by expectation maximization (in one step if all
+    values are known).
     """
     n_values = labels.shape[1]
     possible = np.where((labels == 1).any(axis=1, keepdims=True), labels == 1, labels != 0)

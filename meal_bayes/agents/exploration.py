@@ -1,38 +1,42 @@
-"""Exploration bonuses of training trials, beyond their own query: see `MOMDP.bonus`.
+"""Exploration bonuses of training trials, for the benefit of later questions: see `MOMDP.bonus`.
 
-The paper's ITRS pays for percepts of high entropy and charges for experience, with weights that a
-person chose (Eq. 11). Ours is Eq. 11 with weights that the posterior says. With theta a pair's rate
-and m its mean, the entropy of a percept is noise that stays plus what the percept teaches,
+The paper's bonus (ITRS, Eq. 11) is positive for percepts with high entropy and decreases with
+experience, with weights that a person chose. The bonus of `bayes` is Eq. 11 with weights that are
+computed from the posterior. Let theta be a rate Pr(yes | truth) of a pair (attribute, behavior),
+and m its mean. The entropy of a percept is the sum of irreducible noise and of the information I
+that the percept gives about theta:
 
-    Ent(m) = E Ent(theta) + I,
+    Ent(m) = E Ent(theta) + I.
 
-so alpha Ent - beta IE with alpha = beta and IE = E Ent(theta), experience in bits, pays alpha for
-each bit that is learned. Alpha is the price of a labeled object over these bits.
+With alpha = beta and the experience IE = E Ent(theta) in bits, the bonus alpha Ent - beta IE is
+alpha for each bit that is learned. Alpha is the price of a labeled object divided by I.
 
-How often an attribute is true decides what a percept can change, and is not known either: gains are
-means over the posterior of the base rate, as each question to come will have the rate that is true.
+The base rate of an attribute determines whether a percept can change an answer, and is not known
+either. Therefore gains are means over the posterior of the base rate.
 
-The price is what a robot should pay at most for one more labeled object. A learner's problem is
-Bayes-adaptive: a behavior's rates are unknown, and knowing them better is worth something to every
-question to come. It is solved here for one (attribute, behavior) at a time, as a problem of optimal
-stopping. After m more labeled objects the mean rates have moved by part of what they can move, and
-N(m) questions gain V(rates) - V(now) each; a robot may stop at any of the numbers m. The price of
-one object is the highest at which it still buys:
+The price is the largest cost that a robot should pay for one more labeled object. The problem of a
+learner is Bayes-adaptive: the rates of a behavior are unknown, and better estimates increase the
+value of every later question. It is solved for one (attribute, behavior) at a time, as a problem of
+optimal stopping. After m more labeled objects, the mean rates have changed, and each of the N(m)
+remaining questions gains V(rates) - V(now). A robot may stop after any of the numbers m. The price
+of one object is the highest price at which learning still pays:
 
-    price = max over stopping times tau of  E[N(tau) (V(rates after tau) - V(now))] / E[tau],
+    price = max over stopping times tau of  E[N(tau) (V(rates after tau) - V(now))] / E[tau].
 
-the index of Gittins and Whittle; with tau a fixed number it is KG(*) [Frazier2010].
+This is an index like those of Gittins and Whittle; for a fixed tau it is KG(*) [Frazier2010].
 
-The rates move along one line, that of the difference J = Pr(yes | true) - Pr(yes | false), which
-decides what they are worth; each rate takes its regression on J, with J as Normal, up to 2.2
-standard deviations, for its true tails are lighter. Knowledge grows as the posterior variance
-falls: m objects of a rate of which weight n is known explain m / (m + n) of it.
+The rates change along one line, that of the difference J = Pr(yes | true) - Pr(yes | false), which
+determines their value. Each rate is replaced by its regression on J. J is treated as Normal, up to
+2.2 standard deviations, because its true tails are lighter. As objects are labeled, the posterior
+variance falls: m more objects explain m / (m + n) of the variance of a rate whose posterior has the
+weight n.
 
-Behaviors are substitutes. The one whose learning brings most, after its costs, will be learned; the
-others are worth what they add to that: E max(their gain, its gain) less E of its gain.
+Behaviors can replace each other. The behavior with the largest gain after its costs gets its own
+price; each other behavior gets the gain that it adds: E max(own gain, gain of the best) minus
+E gain of the best.
 
-`Progress` is what a robot has learned when it plans a training trial, and how many questions are
-to come.
+`Progress` contains what a robot has learned when it plans a training trial, and the number of
+questions that it still expects.
 """
 
 from dataclasses import dataclass, field, replace
@@ -55,18 +59,18 @@ _FIRST = 20.0  # questions that a robot expects before it was asked any
 
 @dataclass(frozen=True, slots=True)
 class Horizon:
-    """Questions to come.
+    """Number of questions that a robot still expects.
 
-    After t questions, a robot that is given no number expects 20 + t more. This is the mean of a
-    Pareto law [Lomax1954]: m more questions come with probability ((20 + t) / (20 + t + m))^2, and
-    20 + t + m are expected after these.
+    By default, a robot expects 20 + t more questions after t questions. This is the mean of a
+    Pareto distribution [Lomax1954]: there are at least m more questions with probability
+    ((20 + t) / (20 + t + m))^2, and after these, 20 + t + m more are expected.
 
     Attributes
     ----------
     asked : int
-        Questions of training trials so far.
+        Number of questions in training trials so far.
     expected : float | None
-        To come, where a person told a number.
+        Number of questions to come, if a person has stated it.
     """
 
     asked: int = 0
@@ -77,11 +81,11 @@ class Horizon:
 
     @property
     def questions(self) -> float:
-        """Questions to come, expected now."""
+        """Number of questions that are expected now."""
         return _FIRST + self.asked if self.expected is None else self.expected
 
     def after(self, trials: Floats | float) -> Floats:
-        """Return the questions expected to come after some trials more, of any shape."""
+        """Return the number of questions that are expected after more trials, of any shape."""
         now = self.questions
         if self.expected is None:
             return np.asarray(now**2 / (now + trials))
@@ -95,30 +99,31 @@ class Progress(ByValue):
     Attributes
     ----------
     knowledge : Knowledge
-        So far.
+        Current knowledge of the robot.
     horizon : Horizon
-        Questions to come.
+        Expected number of questions.
     reward : float
-        r+ = -r- of a report.
+        Reward r+ of a right report; a wrong one has r- = -r+.
     discount : float
-        Factor a step, in planning.
+        Discount factor of a step in planning.
     percepts : NDArray[np.float64]
-        (P,E,2,2) labeled objects by truth and percept, no and yes; repeats share the one of their
-        object, and what a classifier shows that cannot tell yet is half of each.
+        (P,E,2,2) number of labeled objects by truth and percept (no, yes). An object counts once
+        for each pair; its repeated percepts are fractions. A percept of a classifier without
+        information counts as half no and half yes.
     told_fraction : float
-        Fraction of the labels beyond one that people have told of an object, by Laplace's rule.
+        Fraction of the other attributes that people label in addition to one, by Laplace's rule.
     unit : float
-        Labeled instances that make one unit of experience, delta of Eq. 10.
+        Number of labeled instances in one unit of experience, delta of Eq. 10.
     instances : NDArray[np.int64]
-        (P,E) labeled instances: delta x IE of Eq. 10.
+        (P,E) number of labeled instances: delta x IE of Eq. 10.
     objects : NDArray[np.int64]
-        (P,E) objects with a labeled instance.
+        (P,E) number of objects with a labeled instance.
     fresh : NDArray[np.bool_]
-        (P,E) whether the object at hand has none.
+        (P,E) whether the object of the current trial has no labeled instance.
     labeled : NDArray[np.bool_]
-        (P,) attributes of the object at hand that were labeled before and are remembered.
+        (P,) attributes of the object of the current trial with a remembered label.
     values : dict[bytes, NDArray[np.float64]]
-        What `values_ahead` computed of an attribute, kept from one trial to the next.
+        Cache of the results of `values_ahead`, kept from one trial to the next.
     """
 
     knowledge: Knowledge
@@ -140,7 +145,7 @@ class Progress(ByValue):
     def beta(self) -> NDArray[np.float64]:
         """Beta parameters (P,E,2,2) of the rates, no and yes by truth.
 
-        The prior is uniform, or that of percepts which the robot brings.
+        The prior is uniform, except for percepts of the robot's own detector.
         """
         posterior = self.knowledge.posterior
         prior = np.ones(self.percepts.shape)
@@ -150,12 +155,12 @@ class Progress(ByValue):
         return np.asarray(prior + self.percepts)
 
 
-# m, labeled objects after which a robot may stop
+# m, the numbers of labeled objects after which a robot may stop
 AHEAD: Floats = np.array([1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0])
 _Z = np.linspace(-2.2, 2.2, 9)  # of J, standard deviations from its mean
 _MIDDLE = len(_Z) // 2
-_LEAST = 0.01  # rates that may be found are at least this far from 0 and 1
-_ROUNDS = 6  # of the search for a price, which grows in each, at most
+_LEAST = 0.01  # smallest distance of a rate from 0 and 1
+_ROUNDS = 6  # largest number of iterations of the search for a price
 
 _NORMAL = np.exp(-(_Z**2) / 2) / np.exp(-(_Z**2) / 2).sum()
 
@@ -168,12 +173,12 @@ def rate_moments(alpha: Floats) -> tuple[Floats, Floats]:
 
 
 def uncertain(rates: Floats) -> Floats:
-    """Return rates that are neither 0 nor 1, as none that may be found is."""
+    """Clip rates to an interval without 0 and 1."""
     return np.asarray(np.clip(rates, _LEAST, 1 - _LEAST))
 
 
 def rates_ahead(alpha: Floats) -> Floats:
-    """Return rates (...,Z,2) that may be found true, from Beta parameters (...,2,2), no and yes."""
+    """Return possible rates (...,Z,2) on a line, from Beta parameters (...,2,2), no and yes."""
     mean, variance = rate_moments(alpha)
     deviation = np.sqrt(variance)  # (...,2)
     direction = deviation / np.sqrt((deviation**2).sum(axis=-1, keepdims=True))
@@ -183,7 +188,7 @@ def rates_ahead(alpha: Floats) -> Floats:
 
 
 def explained(alpha: Floats, base_rates: Floats) -> Floats:
-    """Return the part (...,M) of the variance of J that `AHEAD` more labeled objects explain."""
+    """Return the fraction (...,M) of the variance of J that `AHEAD` more objects explain."""
     total = alpha.sum(axis=-1)
     variance = rate_moments(alpha)[1][..., None]  # (...,2,1)
     objects = np.stack([1 - base_rates, base_rates], axis=-1)[..., None] * AHEAD  # (...,2,M)
@@ -192,18 +197,18 @@ def explained(alpha: Floats, base_rates: Floats) -> Floats:
 
 
 def prices(gain: Floats, variance_explained: Floats, questions: Floats, costs: Floats) -> Floats:
-    """Return the price (R,E) of a labeled object of each behavior, of R attributes.
+    """Return the price (R,E) in seconds of one labeled object, for R attributes and E behaviors.
 
     Parameters
     ----------
     gain : Floats
-        (R,E,Z) V(rates ahead) - V(now), s a question.
+        (R,E,Z) V(rates ahead) - V(now) for one question, in seconds.
     variance_explained : Floats
-        (R,E,M) part of the variance that `AHEAD` more objects explain.
+        (R,E,M) fraction of the variance that `AHEAD` more objects explain.
     questions : Floats
-        (M,) or (R,M) to come once as many objects are labeled.
+        (M,) or (R,M) number of questions that are left after `AHEAD` more labeled objects.
     costs : Floats
-        (E,) or (R,E) of a percept, s.
+        (E,) or (R,E) cost of a percept in seconds.
     """
     r, e, z = gain.shape
     moves = _transitions(variance_explained.reshape(r * e, -1))
@@ -213,11 +218,11 @@ def prices(gain: Floats, variance_explained: Floats, questions: Floats, costs: F
         return alone
     lead = (alone - costs).argmax(axis=1)[:, None]
     leads = np.take_along_axis(alone - costs, lead, axis=1) > 0
-    # What the leader's gain will be, once it is learned as far as questions allow.
+    # The gain of the best behavior after the largest number of labeled objects.
     explained_in_the_end = np.sqrt(variance_explained[..., -1])[..., None]
     lead_gain = _interpolated(gain, explained_in_the_end * _Z)
     lead_gain = np.take_along_axis(lead_gain, lead[..., None], axis=1)[:, 0]  # (R,Z)
-    # E max(gain, the leader's) less E of the leader's: what is added to it.
+    # E max(gain, gain of the best) minus E gain of the best.
     best_gain = np.maximum(gain[..., None], lead_gain[:, None, None]) @ _NORMAL  # (R,E,Z)
     added = best_gain - (np.maximum(lead_gain, 0.0) @ _NORMAL)[:, None, None]
     beside = _index(added.reshape(r * e, z), moves, to_come).reshape(r, e)
@@ -234,9 +239,10 @@ def _interpolated(values: Floats, z: Floats) -> Floats:
 
 
 def _transitions(variance_explained: Floats) -> Floats:
-    """Return Pr(z' | z) between stages, (n,M,Z,Z): z is a Brownian motion in what is explained.
+    """Return Pr(z' | z) between stages, (n,M,Z,Z).
 
-    Three points have the mean and the variance of each step, and nearly its fourth moment.
+    z is a Brownian motion whose time is the explained variance. A step has three points, with the
+    exact mean and variance and nearly the fourth moment.
     """
     variance = np.maximum(np.diff(variance_explained, prepend=0.0, axis=1), 0.0)  # (n,M)
     width = _Z[1] - _Z[0]
@@ -254,10 +260,10 @@ def _transitions(variance_explained: Floats) -> Floats:
 
 
 def _index(gain: Floats, moves: Floats, questions: Floats) -> Floats:
-    """Return the price (n,) of gains (n,Z): at a price the best stopping time, and again at its.
+    """Return the price (n,) for gains (n,Z), by Dinkelbach's method.
 
-    Each round's price is the ratio of what the last round's stopping time gains and takes, so it
-    rises to the maximum (Dinkelbach).
+    Each iteration computes the best stopping time at the current price. The next price is the
+    ratio of expected gain and expected duration of this stopping time; it rises to the maximum.
     """
     price = np.zeros(len(gain))
     for _ in range(_ROUNDS):
@@ -267,7 +273,7 @@ def _index(gain: Floats, moves: Floats, questions: Floats) -> Floats:
             pay = np.einsum("nzj,nj->nz", moves[:, stage], pay)
             taken = np.einsum("nzj,nj->nz", moves[:, stage], taken)
             if stage:
-                # Going on is worth what it pays less the price of the objects that it takes.
+                # Continue if the gain minus the price of the further objects is higher.
                 pay_now = questions[:, stage - 1, None] * gain
                 taken_now = AHEAD[stage - 1]
                 goes_on = pay - price[:, None] * taken > pay_now - price[:, None] * taken_now
@@ -280,37 +286,38 @@ def _index(gain: Floats, moves: Floats, questions: Floats) -> Floats:
     return price
 
 
-# Percepts of a behavior in one trial that Eq. 11 pays for: as many as the paper's data sets have
-# recordings, or a robot whose percepts do not run out would be paid until it is stopped.
+# Largest number of percepts of a behavior in a trial that have the bonus of Eq. 11. It is the
+# largest number of recordings in the paper's data sets; without a limit, a robot could repeat a
+# behavior forever for the bonus.
 _PAID_BY_ITRS = 10.0
 
 
 @runtime_checkable
 class ExplorationBonus(Protocol):
-    """Shapes the rewards of training trials.
+    """Exploration bonus that is added to the rewards of training trials.
 
     Attributes
     ----------
     bonus_limit : float
-        Percepts of a behavior in one trial that the bonus is paid for, at most.
+        Largest number of percepts of a behavior in one trial that have the bonus.
     """
 
     @property
     def bonus_limit(self) -> float: ...  # noqa: D102  in the class's docstring
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
-        """Return the query's MOMDP with a bonus for exploring, given what was learned so far."""
+        """Return the query's MOMDP with an exploration bonus, given what was learned so far."""
 
 
 def add_bonus(exploration: ExplorationBonus, momdp: MOMDP, progress: Progress) -> MOMDP:
-    """Return the query's MOMDP with its bonus, and how many percepts of a trial it is paid for."""
+    """Return the query's MOMDP with the bonus and the limit of percepts that have the bonus."""
     limit = np.full(momdp.n_behaviors, float(exploration.bonus_limit))
     return replace(exploration.shape(momdp, progress), bonus_limit=limit)
 
 
 @dataclass(frozen=True, slots=True)
 class NoBonus:
-    """Answer the query at hand, and learn from what that shows."""
+    """No exploration bonus: the agent learns only from percepts that its questions need."""
 
     bonus_limit: float = np.inf
 
@@ -318,7 +325,7 @@ class NoBonus:
         plain_fields(self)
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
-        """Return the MOMDP as it is."""
+        """Return the MOMDP unchanged."""
         return momdp
 
 
@@ -343,11 +350,12 @@ class ITRSBonus:
 
 @dataclass(frozen=True, slots=True)
 class LearningBonus:
-    """Eq. 11 with weights from the posterior: what one more labeled object teaches.
+    """Eq. 11 with weights from the posterior: the value of one more labeled object.
 
-    It is paid for an object's first percept by each behavior. The prices of the queried attributes
-    count and, with memory, of those labeled before; of all others as often as people tell more than
-    they were asked for. `as_equation_11` has the terms of Eq. 11.
+    The bonus is given for the first percept of an object by each behavior. It is the sum of the
+    prices of the queried attributes, of the attributes whose label is remembered, and of the other
+    attributes multiplied by the fraction of them that people label. `as_equation_11` returns the
+    terms of Eq. 11.
     """
 
     bonus_limit: float = 1.0
@@ -367,16 +375,16 @@ class LearningBonus:
 
 
 class Equation11(NamedTuple):
-    """A bonus as alpha Ent - beta IE of each attribute and behavior, (P,E), alpha = beta.
+    """The bonus alpha Ent - beta IE of each attribute and behavior, (P,E), with alpha = beta.
 
     Attributes
     ----------
     entropy : Floats
-        Ent, bits, of a percept by the mean rates, over the truths.
+        (P,E) entropy Ent of a percept in bits, at the mean rates, averaged over the truth.
     experience : Floats
-        IE, bits: the expected entropy where the rates are known.
+        (P,E) experience IE in bits: the expected entropy if the rates were known.
     weight : Floats
-        Alpha and beta, s a bit.
+        (P,E) alpha and beta, in seconds per bit.
     """
 
     entropy: Floats
@@ -385,12 +393,15 @@ class Equation11(NamedTuple):
 
     @property
     def bonus(self) -> Floats:
-        """Return alpha Ent - beta IE, (P,E), s."""
+        """Return alpha Ent - beta IE in seconds, (P,E)."""
         return self.weight * (self.entropy - self.experience)
 
 
 def as_equation_11(progress: Progress, asked: int = 1) -> Equation11:
-    """Return the prices of `learning_prices` as terms of Eq. 11, for people: no plan reads it."""
+    """Return the prices of `learning_prices` as terms of Eq. 11, for display; plans use prices.
+
+    `asked` is the number of attributes in a question.
+    """
     alpha = progress.beta
     rates = progress.knowledge.base_rates[:, None]
     entropy = percept_entropy(alpha, rates)
@@ -400,18 +411,19 @@ def as_equation_11(progress: Progress, asked: int = 1) -> Equation11:
 
 
 def learning_prices(progress: Progress, asked: int) -> Floats:
-    """Compute the price of one labeled object, (P,E), s, where so many attributes are asked.
+    """Compute the price in seconds of one labeled object for each attribute and behavior, (P,E).
 
-    It is what `prices` says, of rates learned from percepts of the pair alone.
+    `asked` is the number of attributes in a question. The prices are those of `prices`, with rates
+    that are learned only from percepts of the pair.
     """
     knowledge = progress.knowledge
-    share = asked / len(progress.labeled)  # of the questions are about an attribute
-    pace = 1 / (share + (1 - share) * progress.told_fraction)  # trials until an object is labeled
+    share = asked / len(progress.labeled)  # fraction of the questions that contain an attribute
+    pace = 1 / (share + (1 - share) * progress.told_fraction)  # trials for one labeled object
     alpha = progress.beta  # (P,E,2,2)
     ahead = rates_ahead(alpha)  # (P,E,Z,2)
     believed = knowledge.posterior.informative  # (P,E)
     value, now = values_ahead(knowledge, ahead, believed, progress)
-    # A better table of one attribute counts where the answers on all others are right.
+    # Knowing one attribute better increases the reward only if all other answers are right.
     prob_right = np.clip((1 + now.mean() / progress.reward) / 2, 0.0, 1.0)
     questions = share * progress.horizon.after(pace * AHEAD) * prob_right ** (asked - 1)
     costs = np.array([behavior.cost for behavior in knowledge.domain.behaviors])
@@ -424,11 +436,30 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
 def values_ahead(
     knowledge: Knowledge, ahead: Floats, believed: Bools, progress: Progress
 ) -> tuple[Floats, Floats]:
-    """Compute V of one question with each behavior's rates ahead (P,E,Z,2), all others as now.
+    """Compute the value of a question for possible rates of one behavior, with the others as now.
 
-    Returns (P,E,Z) and, with all as now, (P,), each the mean over the base rate's posterior. Rates
-    in the wrong order carry no information, nor does what the planner does not believe (P,E) and is
-    not better.
+    Parameters
+    ----------
+    knowledge : Knowledge
+        Current knowledge, with the posterior of the base rates.
+    ahead : Floats
+        (P,E,Z,2) possible rates of each pair.
+    believed : Bools
+        (P,E) pairs that the planner treats as informative.
+    progress : Progress
+        Rewards and discount; `progress.values` caches results.
+
+    Returns
+    -------
+    value : Floats
+        (P,E,Z) value with the possible rates of one behavior, averaged over the base rate.
+    now : Floats
+        (P,) value with the current rates of all behaviors.
+
+    Notes
+    -----
+    Rates with Pr(yes | true) <= Pr(yes | false) count as uninformative. So do rates of a pair that
+    the planner does not believe, unless they are better than the mean.
     """
     p, e, z, _ = ahead.shape
     flat = ahead.mean(axis=-1, keepdims=True)
@@ -436,7 +467,7 @@ def values_ahead(
     better = np.arange(z) > z // 2
     ahead = np.where((ordered & (believed[..., None] | better))[..., None], ahead, flat)
     now = ahead[:, :, z // 2]  # (P,E,2)
-    # Problems of a pair: first without any information by it, from which all others start.
+    # Problems for a pair: the first one without information, from which the others start.
     problems = np.concatenate([np.full((p, e, 1, 2), 0.5), ahead], axis=2)  # (P,E,1+Z,2)
     informs = problems[..., 0] != problems[..., 1]
     informs[:, :, 0] = True
@@ -450,8 +481,8 @@ def values_ahead(
     values = np.empty(len(attribute))
     weights = None if knowledge.rates is None else knowledge.rates.probabilities
     for number in range(p):
-        # An attribute's problems start from no other's values, and most attributes stay from one
-        # trial to the next.
+        # The problems of an attribute do not depend on other attributes, and for most attributes
+        # they do not change from one trial to the next, so they are cached.
         rows = np.flatnonzero(attribute == number)
         prior = knowledge.base_rates[[number]] if weights is None else RATES
         each = problems_rates[rows]
@@ -471,14 +502,14 @@ def values_ahead(
 
 
 def percept_entropy(alpha: Floats, base_rates: Floats) -> Floats:
-    """Compute Ent of Eq. 9 (...), bits, of the mean of Beta(alpha) (...,2,2), over the truths."""
+    """Compute Ent of Eq. 9 in bits (...), at the mean of Beta(alpha) (...,2,2), over the truths."""
     mean = alpha[..., 1] / alpha.sum(axis=-1)
     entropy = (entr(mean) + entr(1 - mean)) / np.log(2)  # (...,2)
     return np.asarray((1 - base_rates) * entropy[..., 0] + base_rates * entropy[..., 1])
 
 
 def experience_bits(alpha: Floats, base_rates: Floats) -> Floats:
-    """Compute IE as E Ent(theta), bits: what of a percept's entropy is noise, not ignorance."""
+    """Compute IE as E Ent(theta) in bits: the part of a percept's entropy that is noise."""
     total = alpha.sum(axis=-1)
     parts = alpha / total[..., None] * digamma(alpha + 1)
     bits = (digamma(total + 1) - parts.sum(axis=-1)) / np.log(2)
@@ -486,7 +517,7 @@ def experience_bits(alpha: Floats, base_rates: Floats) -> Floats:
 
 
 def _one_question(domain: Domain, progress: Progress) -> MOMDP:
-    """Build the problem of one attribute, without shaping; its rows are not read."""
+    """Build the problem of one attribute without a bonus; its rows are placeholders."""
     objective = Objective(progress.reward, wrong_reward(progress.reward), progress.discount)
     rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
     return build_momdp(domain, Query(domain.attributes[:1]), rows, np.inf, objective=objective)

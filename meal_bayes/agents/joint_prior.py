@@ -1,16 +1,16 @@
 """Attributes that exclude or imply each other: a joint prior from the labels of training objects.
 
-Of each pair of attributes, the four joint values have a Dirichlet prior around the product of the
-base rates. Its strength s, in objects, is the one of largest marginal likelihood; a pair is coupled
-where that is `_BAYES_FACTOR` times the likelihood of the product, so that few labels couple
-nothing. With counts c of n objects, the association (the odds ratio) of a coupled pair is that of
+The four joint values of each pair of attributes have a Dirichlet prior around the product of the
+base rates. Its strength s, in objects, maximizes the marginal likelihood of the labels. A pair is
+coupled if this likelihood is at least `_BAYES_FACTOR` times that of independence, so that a few
+labels couple no pair. With counts c of n objects, a coupled pair has the odds ratio of
 
     (c + s product) / (n + s)
 
-and its margins are the base rates, which more objects may tell. Of a query the prior is the joint
-distribution of largest entropy that has these pairs and rates; it is found by iterative
-proportional fitting [Deming1940]. Where no pair of it is coupled, there is none, and attributes are
-independent.
+and the base rates as margins, because the base rates may be known from more objects. The prior of a
+query is the joint distribution of largest entropy that has these odds ratios and base rates. It is
+found by iterative proportional fitting [Deming1940]. If no pair in the query is coupled, there is
+no joint prior, and the attributes are independent.
 """
 
 from typing import NamedTuple
@@ -22,15 +22,15 @@ from scipy.special import gammaln
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.domain import Domain, Query
 
-MOST_VALUES = 256  # value vectors of a joint prior, those of eight attributes; of more, none
-_BAYES_FACTOR = 20.0  # of the strongest Dirichlet over the product, from which a pair is coupled
-_STRENGTHS = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0])  # objects' worth of the product
-_SWEEPS = 200  # of proportional fitting, at most
-_FITTED = 1e-12  # a sweep that changes no probability by more is the last
+MOST_VALUES = 256  # largest number of value vectors of a joint prior, that of eight attributes
+_BAYES_FACTOR = 20.0  # smallest likelihood ratio of a coupled pair against independence
+_STRENGTHS = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0])  # candidates for s, in objects
+_SWEEPS = 200  # largest number of sweeps of proportional fitting
+_FITTED = 1e-12  # change of a probability in a sweep below which fitting ends
 
 
 class Coupled(NamedTuple):
-    """Pairs of attributes that labels couple: J of them, in the order of the domain."""
+    """The J pairs of attributes that labels couple, in the order of the domain."""
 
     pairs: Ints  # (J,2) places in the domain, the first below the second
     probability: Floats  # (J,4) Pr(neither, the second alone, the first alone, both)
@@ -45,23 +45,25 @@ def joint_prior(
     told: Floats | None = None,
     of_labels: Floats | None = None,
 ) -> Floats | None:
-    """Compute Pr(values) (Y,) of a query in the order of `Query.values`; None where independent.
+    """Compute the joint prior Pr(values) (Y,) of a query, in the order of `Query.values`.
+
+    The result is None if the attributes are independent.
 
     Parameters
     ----------
     domain : Domain
-        P attributes and their groups.
+        Domain with P attributes and their groups.
     labels : NDArray[np.int8]
-        (O,P) of the training objects; -1 unknown.
+        (O,P) labels of the training objects; -1 unknown.
     base_rates : NDArray[np.float64]
-        (P,) Pr(attribute) of a new object.
+        (P,) prior probability that an attribute of a new object is true.
     query : Query
-        The N attributes asked.
+        The N queried attributes.
     told : NDArray[np.float64] | None
-        (N,) Pr(attribute is true) of those that a person labeled on this object, NaN of the others,
-        which then follow from them.
+        (N,) Pr(attribute is true) for attributes that a person labeled on this object, and NaN for
+        the others, whose probabilities then follow from the joint prior.
     of_labels : NDArray[np.float64] | None
-        (P,) Pr(a label says yes), if labels may be wrong; else the base rates.
+        (P,) Pr(a label says yes), if labels may be wrong; by default the base rates.
     """
     if query.n_values > MOST_VALUES:
         return None
@@ -71,7 +73,7 @@ def joint_prior(
         return None
     values = query.values.astype(np.int64)
     index_of = {column: index for index, column in enumerate(columns)}
-    margins = []  # each the cell (Y,) of every value vector, and the sums of the cells
+    margins = []  # for each pair, the cell (Y,) of every value vector, and the sums of the cells
     for pair, probability in zip(coupled.pairs.tolist(), coupled.probability, strict=True):
         first, second = map(index_of.__getitem__, pair)
         margins.append((2 * values[:, first] + values[:, second], probability))
@@ -79,7 +81,7 @@ def joint_prior(
     singles = [(values[:, i], np.array([1 - rate, rate])) for i, rate in enumerate(rates.tolist())]
     grouped = np.isin(np.arange(len(query)), [i for group in query.groups for i in group])
     joint = np.where(values, rates, np.where(grouped, 1.0, 1.0 - rates)).prod(axis=1)
-    # Pairs whose margins no joint distribution has together are met on average; the rates always.
+    # If no joint distribution has all these pairs, they are fitted on average; rates always fit.
     joint = _fitted(_fitted(joint / joint.sum(), [*margins, *singles]), singles)
     if told is None:
         return joint
@@ -94,10 +96,11 @@ def coupled_pairs(
     columns: list[int] | None = None,
     of_labels: Floats | None = None,
 ) -> Coupled:
-    """Return the pairs that labels (O,P) couple, among some columns that rise, or among all.
+    """Return the pairs that labels (O,P) couple, among all attributes or among some.
 
-    Values of one group are left out: they are one variable already. Labels that may be wrong say
-    yes at rates `of_labels` (P,); the odds ratio of a pair is that of its labels.
+    Pairs within a group are left out, because a group is one variable. `columns` are positions of
+    attributes in increasing order. If labels may be wrong, `of_labels` (P,) is the probability that
+    a label says yes; the odds ratio of a pair is that of its labels.
     """
     places = np.arange(len(domain.attributes)) if columns is None else np.array(columns)
     variable = np.arange(len(domain.attributes))
@@ -112,7 +115,7 @@ def coupled_pairs(
     rates = base_rates if of_labels is None else of_labels
     p, q = rates[places[first]], rates[places[second]]
     product = np.stack([(1 - p) * (1 - q), (1 - p) * q, p * (1 - q), p * q], axis=1)  # (M,4)
-    # Coupled: a Dirichlet about independence, of several strengths; else independence itself.
+    # Compare Dirichlet priors of several strengths around independence with independence itself.
     evidence = _log_evidence(counts, _STRENGTHS[:, None, None] * product)  # (S,M)
     gain = evidence.max(axis=0) - (counts * np.log(product)).sum(axis=1)
     found = np.flatnonzero(gain > np.log(_BAYES_FACTOR))
@@ -124,13 +127,13 @@ def coupled_pairs(
 
 
 def _log_evidence(counts: Floats, weights: Floats) -> Floats:
-    """Return the log marginal likelihood of labels (...,4), in an order, under a Dirichlet."""
+    """Return the log marginal likelihood of ordered labels with counts (...,4), for a Dirichlet."""
     total = gammaln(weights.sum(axis=-1)) - gammaln((weights + counts).sum(axis=-1))
     return np.asarray(total + (gammaln(weights + counts) - gammaln(weights)).sum(axis=-1))
 
 
 def _with_margins(weights: Floats, p: Floats, q: Floats) -> Floats:
-    """Return the pairs (J,4) that have the odds ratio of weights (J,4), and margins p and q (J,).
+    """Return joint probabilities (J,4) with the odds ratios of weights (J,4), and margins p and q.
 
     Plackett's distribution [Plackett1965]: with odds ratio r, Pr(both) is the root of
     (r - 1) x^2 - (1 + (r - 1) (p + q)) x + r p q that lies in [0, min(p, q)].
@@ -138,7 +141,7 @@ def _with_margins(weights: Floats, p: Floats, q: Floats) -> Floats:
     ratio = weights[:, 0] * weights[:, 3] / (weights[:, 1] * weights[:, 2])
     linear = 1.0 + (ratio - 1.0) * (p + q)
     root = np.sqrt(linear**2 - 4.0 * ratio * (ratio - 1.0) * p * q)
-    # Two forms of one root; each is free of cancellation where it is taken.
+    # Two forms of the same root; each is used where it has no cancellation.
     low = linear < 0.0  # only with a ratio below 1
     p_both = np.where(
         low,
@@ -149,7 +152,7 @@ def _with_margins(weights: Floats, p: Floats, q: Floats) -> Floats:
 
 
 def _fitted(joint: Floats, margins: list[tuple[Ints, Floats]]) -> Floats:
-    """Fit a joint distribution (Y,) to margins, one after the other until nothing changes."""
+    """Fit a joint distribution (Y,) to margins by iterative proportional fitting."""
     for _ in range(_SWEEPS):
         last_joint = joint
         # Iterative proportional fitting: each margin in turn is scaled to its sums.

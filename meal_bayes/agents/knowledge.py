@@ -1,4 +1,4 @@
-"""What a robot knows of an object that it was not trained on."""
+"""What a robot knows about an object on which it was not trained."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,23 +22,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Knowledge(FrozenArrays):
-    """Confusion posterior and base rates, learned without the object at hand.
+    """Confusion posterior and base rates, learned without the object in the question.
 
     Attributes
     ----------
     domain : Domain
-        Of the attributes and behaviors.
+        Domain with the attributes and behaviors.
     posterior : ConfusionPosterior
-        Of the confusion matrices.
+        Posterior of the confusion matrices.
     base_rates : NDArray[np.float64]
-        (P,) Pr(attribute) of a new object; over the values of a group they sum to 1.
+        (P,) prior probability that an attribute of a new object is true; over the values of a
+        group, the probabilities sum to 1.
     labels : NDArray[np.int8]
-        (O,P) of the labeled objects, -1 unknown, which say which attributes exclude or imply each
-        other.
+        (O,P) labels of the labeled objects, -1 unknown. They show which attributes exclude or imply
+        each other.
     trait : SharedTrait | None
-        Latent trait that percepts of an object share; None: they share the truth alone.
+        Latent trait on which all percepts of an object depend; None if percepts are independent
+        given the truth.
     rates : BaseRates | None
-        Posterior of the base rates, of which `base_rates` are the means; None: they are known.
+        Posterior of the base rates, whose means are `base_rates`; None if the rates are known.
     """
 
     domain: Domain
@@ -53,9 +55,9 @@ class Knowledge(FrozenArrays):
     def to_frame(self) -> "pd.DataFrame":
         """Return a pandas data frame with a row for each attribute and its best behavior.
 
-        Columns are `base_rate`; `behavior`, of the largest Youden's J among those that were
-        perceived, None where none tells anything; `youden`, how often its percepts say yes where
-        that is true, less where it is not; and `right`, how often they are right at the base rate.
+        Columns are `base_rate`; `behavior`, the behavior with the largest Youden's J, or None if no
+        behavior is informative; `youden`, the true positive rate of its percepts minus the false
+        positive rate; and `right`, the probability that a percept is right at the base rate.
         """
         import pandas as pd  # noqa: PLC0415  takes half a second
 
@@ -68,9 +70,9 @@ class Knowledge(FrozenArrays):
         return pd.DataFrame(rows, index=index, columns=list(names))
 
     def most_telling(self, attribute: int) -> tuple[str, float, float] | None:
-        """Return the behavior that tells most of an attribute, Youden's J, and Pr(right).
+        """Return the behavior with the largest Youden's J for an attribute, J, and Pr(right).
 
-        None where no behavior tells anything.
+        The result is None if no behavior is informative.
         """
         informative = self.posterior.informative[attribute]
         if not informative.any():
@@ -84,9 +86,9 @@ class Knowledge(FrozenArrays):
         return self.domain.behavior_names[best], float(youden[best]), accuracy
 
     def with_labels(self, labels: NDArray[np.int8], *, pool: bool = True) -> "Knowledge":
-        """Return the same knowledge with the priors that labels (O,P) tell.
+        """Return the same knowledge with priors that are learned from labels (O,P).
 
-        Unless they are to `pool` rates anew, how far these are pooled stays as it was learned.
+        If `pool` is False, the weights of the pooling of base rates do not change.
         """
         weights = None if pool or self.rates is None else self.rates.weights
         accuracy = 1.0 if self.rates is None else self.rates.label_accuracy
@@ -102,7 +104,7 @@ def knowledge_without(
     object_level: bool = True,
     unlabeled: Sequence[int] = (),
 ) -> Knowledge:
-    """Learn from every object but one: its recordings and labels enter nowhere.
+    """Learn from all objects but one, whose recordings and labels are not used.
 
     Parameters
     ----------
@@ -111,19 +113,19 @@ def knowledge_without(
     held_out : int
         Index of the object that is left out.
     levels : int
-        K of the percepts.
+        Number K of levels of percepts.
     object_level : bool
-        Let objects differ from each other and percepts of one object err together (ours), or take
-        all percepts as independent (the paper).
+        Whether objects have their own confusion matrices and percepts of one object have dependent
+        errors. If False, all percepts are independent given the truth, as in the paper.
     unlabeled : Sequence[int]
-        Indices of further objects of which no label is known.
+        Indices of further objects whose labels are treated as unknown.
     """
     counts = table_counts(table, held_out, levels=levels)
     labels = table.labels.copy()
     labels[held_out] = -1
     for o in unlabeled:
         check_place("unlabeled", o, len(labels))
-        counts[o] = 0  # percepts are counted by the truth
+        counts[o] = 0  # percepts without a known truth cannot be counted
         labels[o] = -1
     return knowledge_of(table.domain, counts, labels, object_level=object_level)
 
@@ -137,11 +139,11 @@ def knowledge_of(
     given: NDArray[np.bool_] | None = None,
     label_accuracy: float = 1.0,
 ) -> Knowledge:
-    """Learn from percepts of held-out classifiers, and labels (O,P) of the objects; -1 unknown.
+    """Learn from counts of percepts by held-out classifiers, and labels of the objects.
 
-    Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is
-    as in `knowledge_without`, `given` as in `ConfusionPosterior.from_objects`, and `label_accuracy`
-    as in `learn_base_rates`.
+    Counts are (O,P,E,2,K) and labels (O,P), -1 unknown; an object that is in no training set has
+    only unknown labels. `object_level` is as in `knowledge_without`, `given` as in
+    `ConfusionPosterior.from_objects`, and `label_accuracy` as in `learn_base_rates`.
     """
     rates = learn_base_rates(domain, labels, label_accuracy=label_accuracy)
     mean = rates.mean
@@ -156,5 +158,5 @@ def knowledge_of(
 
 
 def _labeled(labels: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Return the rows of objects of which something is known."""
+    """Return the rows of objects with at least one known label."""
     return labels[(labels >= 0).any(axis=1)]

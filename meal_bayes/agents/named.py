@@ -1,6 +1,7 @@
-"""The named agents: the paper's strategies (Sect. 7) and ours; and agents given as values.
+"""The named agents: the paper's strategies (Sect. 7) and those of this package.
 
-Every agent runs offline (Sect. 7.2) and online (Sect. 7.3).
+`as_agent` also makes agents from planners. Every agent runs offline (Sect. 7.2) and online (Sect.
+7.3).
 """
 
 from collections.abc import Callable
@@ -37,7 +38,7 @@ class _Always:
 def _random_legal(domain: Domain, query: Query) -> Solver:
     budget = domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1]
     asks = (behavior.name for behavior in domain.behaviors if behavior.asks)
-    return RandomLegal(budget, tuple(asks))  # the paper's explores, and asks nobody
+    return RandomLegal(budget, tuple(asks))  # as in the paper, it never asks a person
 
 
 def _predefined(domain: Domain, query: Query, persistent: bool = False) -> Solver:
@@ -45,13 +46,13 @@ def _predefined(domain: Domain, query: Query, persistent: bool = False) -> Solve
 
 
 _LEGAL = Agent("random_legal", _random_legal)
-_SEARCH = _Always(POMCP())  # one planner of the paper's agents and of ours
-# The paper's: percepts independent given the truth (Eq. 8), uniform prior.
+_SEARCH = _Always(POMCP())  # the planner of MORC and of `bayes`
+# The paper's model: percepts independent given the truth (Eq. 8), uniform prior.
 _MORC = Agent("morc", _SEARCH, abstain=True)
 _ITERATIVE = replace(_MORC, name="iterative_morc")
 _ITRS = replace(_MORC, name="morc_itrs", exploration=ITRSBonus())
-# Ours: graded percepts, objects differ and may seem what they are not, prior from the training
-# objects, planning for the undiscounted reward that is reported, exploring for what it is worth.
+# The model of this package: four levels of percepts, differences between objects, a shared trait, a
+# prior from the training objects, no discount, and a bonus that is the value of exploration.
 _BAYES = Agent(
     "bayes",
     _SEARCH,
@@ -70,22 +71,22 @@ AGENTS = {
     agent.name: agent
     for agent in (
         Agent("random", _Always(Random())),
-        # Base rates alone: an agent that does not beat it has not been worth its seconds.
+        # Answers by base rates without any behavior: a baseline for all other agents.
         Agent("prior", _Always(Untouched()), base_rates=True),
         _LEGAL,
         Agent("predefined", _predefined),
         Agent("predefined_plus", partial(_predefined, persistent=True)),
         Agent("greedy", _Always(Greedy())),
         _MORC,
-        # The same with the cheapest planner: microseconds a decision, any number of attributes.
+        # MORC with open-loop plans: microseconds per decision, any number of attributes.
         Agent("olfc", _Always(OpenLoop()), abstain=True),
         _BAYES,
-        # What they learn at work (Sect. 7.3) is all that sets the following apart offline.
+        # The following agents differ only in online learning (Sect. 7.3).
         replace(_LEGAL, name="iterative_random_legal"),
         _ITERATIVE,
         _ITRS,
         replace(_BAYES, name="bayes_memory", memory=True),
-        # What comes from the belief, and what from exploring.
+        # These separate the effect of the belief from that of exploration.
         replace(_BAYES, name="bayes_no_bonus", exploration=NoBonus()),
         replace(_BAYES, name="bayes_itrs", exploration=ITRSBonus()),
         replace(_BAYES, name="iterative_morc_bayes", trained_by=_ITERATIVE),
@@ -108,20 +109,20 @@ def load_agent(name: str) -> Agent:
 
 
 def as_agent(value: object) -> Agent:
-    """Return the agent that a value stands for.
+    """Return an agent for a name, an agent or a planner.
 
     Parameters
     ----------
     value : object
         The name of an agent; an `Agent`; or a planner: an object with a method `solve(momdp, rng)`,
-        its class, or a function of domain and query that makes one. A planner gets the observation
-        model, prior and levels of `bayes`, and its own name: its attribute `name` where that is
-        text, by which two of one class are told apart; else that of its class.
+        its class, or a function of domain and query that returns a planner. A planner gets the
+        observation model, prior and levels of `bayes`. The agent's name is the planner's attribute
+        `name` if this is text, and otherwise the name of the planner's class.
 
     Raises
     ------
     SettingsError
-        An unknown name, or a value that cannot plan.
+        If the name is unknown, or the value is not a planner.
     """
     if isinstance(value, Agent):
         return value

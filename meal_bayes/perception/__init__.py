@@ -1,7 +1,8 @@
-"""ACAC: recordings to percepts, percepts to confusion counts (Sect. 4).
+"""Classification of recordings into percepts, and confusion counts of percepts (Sect. 4).
 
-In: `Dataset` and the training set D, or a `PerceptTable`. Out: a `Perceiver` (what a behavior
-says of the queried attributes) and confusion counts (what such percepts were worth, by object).
+The input is a `Dataset` and the training set D, or a `PerceptTable`. The output is a `Perceiver`,
+which returns the percepts of a behavior for the queried attributes, and confusion counts, which
+show how often such percepts were right on each object.
 """
 
 from meal_bayes.perception.confusion import table_counts

@@ -1,10 +1,10 @@
-"""The compiled core: leave-groups-out decisions and the stackers trained on them.
+"""Compiled kernels: decisions with groups left out, and the stackers that are trained on them.
 
-For a set S of left-out groups, every other group k is scored by kernel classifiers trained without
-S and without k; a logistic regression (the stacker) learns from those decisions how to pool the
-modalities, and is applied to the groups of S, scored by classifiers trained without S. S empty
-gives the stacker of all groups, S = {o} the held-out outputs on o,
-S = {o, o'} the training-side outputs of the tables for o and for o'.
+For a set S of left-out groups, every other group k is scored by kernel classifiers without S and k.
+A logistic regression (the stacker) learns from these decisions how to combine the modalities. It is
+applied to the groups of S, which are scored by classifiers without S. An empty S gives the stacker
+of all groups, S = {o} the held-out outputs on o, and S = {o, o'} the training-side outputs of
+percept tables for o and for o'.
 """
 
 from functools import partial
@@ -14,9 +14,9 @@ import numpy as np
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.cache import compile_kernel
 
-_TOLERANCE = 1e-9  # of the projected gradient, in units of total weight
+_TOLERANCE = 1e-9  # tolerance of the projected gradient, in units of the total weight
 _MAX_ITERATIONS = 60
-_JITTER = 1e-12  # keeps the Hessian invertible where all decisions agree
+_JITTER = 1e-12  # keeps the Hessian invertible if all decisions agree
 
 _kernel = partial(compile_kernel, nogil=True, error_model="numpy")
 
@@ -108,14 +108,14 @@ def _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian
 
 @_kernel
 def _newton_step(theta, gradient, hessian, nonnegative, step):
-    """Compute the Newton step H d = -g, in place of the Hessian; return the largest free gradient.
+    """Solve the Newton step H d = -g, overwriting the Hessian; return the largest free gradient.
 
-    A slope at zero whose gradient would push it below stays there (Bertsekas' active set): its row
-    and column become the identity's. By our Cholesky: LAPACK took two to four times as long for so
-    few coordinates.
+    A slope at zero whose gradient would make it negative stays at zero (Bertsekas' active set): its
+    row and column become those of the identity. The Cholesky factorization above is used, because
+    LAPACK took two to four times as long for so few coordinates.
     """
     largest = 0.0
-    # The quadratic model H d = -g; a slope that is held at zero leaves it.
+    # The quadratic model H d = -g, without the slopes that are held at zero.
     for j in range(len(theta)):
         step[j] = -gradient[j]
         if nonnegative and j > 0 and theta[j] <= 0.0 and gradient[j] > 0.0:
@@ -138,8 +138,9 @@ def fit_stacker(
 ) -> float:
     """Fit a logistic regression with ridge on the slopes, by projected Newton from `theta`.
 
-    `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first, written;
-    with `nonnegative` no slope falls below 0. Returns the loss, ridge included.
+    `features` is (M,n), `target` (n,) with +-1, `weight` (n,), and `theta` (1+M,), the intercept
+    first, which is overwritten. If `nonnegative`, slopes are at least 0. Returns the loss with the
+    ridge.
     """
     size = len(theta)
     rate = np.empty(len(target))
@@ -148,7 +149,7 @@ def fit_stacker(
     step = np.empty(size)
     trial = np.empty(size)
     value = _objective(theta, features, target, weight, ridge, rate=rate)
-    # Far from the optimum a whole Newton step may overshoot; nearby it is taken as it is.
+    # Far from the optimum, a whole Newton step may overshoot and is then halved.
     for _ in range(_MAX_ITERATIONS):
         _derivatives(
             theta, features, target, weight, ridge, rate=rate, gradient=gradient, hessian=hessian
@@ -156,10 +157,10 @@ def fit_stacker(
         if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * weight.sum():
             break
         length = 1.0
-        for _ in range(_MAX_ITERATIONS):  # halve until nothing is lost
+        for _ in range(_MAX_ITERATIONS):  # halve until the loss does not increase
             for j in range(size):
                 trial[j] = theta[j] + length * step[j]
-                # The projection: a slope that the step takes below 0 ends at 0.
+                # The projection: a slope that would become negative is set to 0.
                 if nonnegative and j > 0 and trial[j] < 0.0:
                     trial[j] = 0.0
             trial_value = _objective(trial, features, target, weight, ridge, rate=rate)
@@ -174,14 +175,14 @@ def fit_stacker(
 
 @_kernel
 def _weigh(target, base, balanced, weight):
-    """Write `base`, times n/(2 n_c) of each class c, to `weight`; return if both classes remain."""
+    """Write `base` times n/(2 n_c) for class c to `weight`; return whether both classes occur."""
     # n_c, the weight of each class
     positive = 0.0
     negative = 0.0
     for i in range(len(target)):
         positive += base[i] if target[i] > 0 else 0.0
         negative += base[i] if target[i] < 0 else 0.0
-    # Both classes then weigh n/2, so that the intercept says nothing of the base rate.
+    # Both classes then have the weight n/2, so the intercept does not contain the base rate.
     for i in range(len(target)):
         class_weight = positive if target[i] > 0 else negative
         balance = (positive + negative) / (2.0 * class_weight) if balanced else 1.0
@@ -191,11 +192,11 @@ def _weigh(target, base, balanced, weight):
 
 @partial(_kernel, fastmath=True)
 def _leave_set(inverse, dual, target, rows, held, across, whitened):
-    """Score the rows of S by classifiers without S, and prepare the rest.
+    """Score the rows of S by classifiers without S, and prepare `_score_others`.
 
-    Leaving G out, the decision on G is y_G - inv(C^-1[G,G]) (C^-1 y)_G. Writes `held` (P,q), and
-    with L L' = C^-1[S,S] also `across` (q,n) = L^-1 C^-1[S,:] and `whitened` (P,q) =
-    L^-1 (C^-1 y)_S.
+    If G is left out, the decision on G is y_G - inv(C^-1[G,G]) (C^-1 y)_G. Writes these decisions
+    for S to `held` (P,q). With L L' = C^-1[S,S], it also writes `across` (q,n) = L^-1 C^-1[S,:] and
+    `whitened` (P,q) = L^-1 (C^-1 y)_S.
     """
     q, n = across.shape
     # L L' = C^-1[S,S]
@@ -228,10 +229,10 @@ def _leave_set(inverse, dual, target, rows, held, across, whitened):
 
 @partial(_kernel, fastmath=True)
 def _score_others(inverse, dual, target, starts, out, across, whitened, decisions):
-    """Score every other object k without S and k, `decisions` (P,n); 0 on S itself.
+    """Score every other object k without S and k; write `decisions` (P,n), which are 0 on S.
 
-    The formula of `_leave_set` for G = S + {k}, solved for k's part by a Schur complement, as S is
-    shared by all k.
+    This is the formula of `_leave_set` for G = S + {k}. The part of k is solved by a Schur
+    complement, because all k share S.
     """
     q = len(across)
     # (C^-1 y)_k - C^-1[k,S] C^-1[S,S]^-1 (C^-1 y)_S: the right side of k's part
@@ -252,7 +253,7 @@ def _score_others(inverse, dual, target, starts, out, across, whitened, decision
                 total = inverse[begin + i, begin + j]
                 for s in range(q):
                     total -= across[s, begin + i] * across[s, begin + j]
-                # Of an object of S itself nothing is left to solve: the identity in its place.
+                # For an object of S itself there is nothing to solve, so use the identity.
                 block[i, j] = 1.0 * (i == j) if out[k] else total
         _factorize(block)
         for p in range(len(dual)):
@@ -274,13 +275,13 @@ def score_without(
     starts: Ints,
     nested: bool,
 ) -> tuple[Floats, Floats]:
-    """Decide by classifiers that never saw S: on S itself, and on each other object k.
+    """Compute decisions of classifiers without S on S, and on each other object k without k.
 
-    S are the objects `left_out` (s,), of `rows` (q,). `inverses` (M,n,n) and `duals` (M,P,n) are
-    C^-1 and C^-1 y of each kernel, C = gram + noise; `targets` (P,n) are +-1; each object's rows
-    begin at `starts` (O+1,). With `nested` the others are scored without S as well, not only
-    without themselves. Returns decisions on the rows of S, (M,P,q), and on the others', (M,P,n),
-    which are 0 on S.
+    S are the objects `left_out` (s,), with the rows `rows` (q,). `inverses` (M,n,n) and `duals`
+    (M,P,n) are C^-1 and C^-1 y for each kernel, where C = gram + noise. `targets` (P,n) are +-1.
+    The rows of each object begin at `starts` (O+1,). If `nested`, object k is scored without S and
+    k, and otherwise only without k. Returns the decisions on the rows of S, (M,P,q), and on the
+    other rows, (M,P,n), which are 0 on S.
     """
     n_kernels, n_targets, n = duals.shape
     held = np.empty((n_kernels, n_targets, len(rows)))
@@ -319,11 +320,11 @@ def fit_stackers(
     weights: Floats,
     losses: Floats,
 ) -> None:
-    """Fit one stacker an attribute on decisions (P,M,n) on recordings of weight `base` (n,).
+    """Fit a stacker for each attribute on decisions (P,M,n); `base` (n,) weights recordings.
 
-    What is left out has the weight 0. Newton's method starts from `weights` (P,1+M), intercept and
-    slopes, and leaves what it finds there, and the losses (P,); all zero where only one class
-    remains.
+    Recordings that are left out have the weight 0. Newton's method starts from `weights` (P,1+M),
+    intercepts and slopes, and overwrites them with the result; it also writes the losses (P,). Both
+    are zero if only one class occurs.
     """
     weight = np.empty(len(base))
     for p in range(len(targets)):

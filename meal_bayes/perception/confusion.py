@@ -1,7 +1,7 @@
 """Confusion counts (O,P,E,2,K): how often each object showed each percept level, by its truth.
 
-They are kept object by object, as percepts of one object are not independent (see the posterior's
-dispersion). One labeled instance is one count.
+Counts are kept for each object, because percepts of one object are not independent (see
+`posterior.grid`). One labeled instance is one count.
 """
 
 from typing import Any
@@ -20,19 +20,19 @@ def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> NDArray[np.
 
 
 def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDArray[np.int64]:
-    """Return training-side counts for a held-out object, by classifiers that never saw it.
+    """Return the counts of the training objects for a held-out object.
 
-    The row of object o' comes from classifiers that saw neither `held_out` nor o'; the held-out
-    row is zero, and unknown labels do not count.
+    The counts of object o' come from classifiers that were trained on neither `held_out` nor o'.
+    The counts of the held-out object are zero, and unknown labels do not count.
 
     Parameters
     ----------
     table : PerceptTable
-        Of O objects.
+        Percept table with O objects.
     held_out : int
-        Place of the object in `table.objects`.
+        Position of the held-out object in `table.objects`.
     levels : int
-        K, of a percept.
+        Number K of levels of a percept.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDAr
 
 
 def percept_counts(table: PerceptTable, levels: int) -> NDArray[np.int64]:
-    """Count each object's percepts (O,P,E,2,K) by classifiers that never saw it."""
+    """Count each object's percepts (O,P,E,2,K) by classifiers that were not trained on it."""
     level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
     computed = ~np.isnan(table.log_odds)
     is_level = (level[..., None] == np.arange(levels)) & computed[..., None]
@@ -54,8 +54,9 @@ def percept_counts(table: PerceptTable, levels: int) -> NDArray[np.int64]:
 def youden(counts: NDArray[Any]) -> NDArray[np.float64]:
     """Return Youden's J = TPR - FPR (...) of counts (...,2,K) [truth, level]; 0 where undefined.
 
-    Leaving a positive object out lowers the base rate, so an uninformative classifier votes against
-    the held-out label: a table of J < 0 looks like a perfect, inverted sensor.
+    Leaving out a true object lowers the base rate of the training set, so an uninformative
+    classifier predicts the opposite of the held-out label. Counts with J < 0 then look like those
+    of a perfect sensor with inverted output.
     """
     number = counts.sum(axis=-1)
     rates = yes_of(counts) / np.where(number > 0, number, 1.0)
@@ -63,8 +64,8 @@ def youden(counts: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def informative(counts: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return whether percepts of counts (...,2,K) tell anything (...): Youden's J above 0.
+    """Return whether Youden's J of counts (...,2,K) is above 0, (...).
 
-    All that counts percepts asks this; what tells nothing is at even odds, and has no vote.
+    Percepts of other pairs do not change the belief, and are not used to learn common priors.
     """
     return np.asarray(youden(counts) > 0)

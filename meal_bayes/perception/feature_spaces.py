@@ -1,7 +1,7 @@
-"""The recordings of each behavior in a training set, and the kernels that compare them.
+"""The recordings of each behavior in a training set, and the kernels between them.
 
-The features of a modality are made comparable in a `FeatureSpace`; kernels of modalities are joined
-by `joint_kernel`.
+A `FeatureSpace` standardizes the features of a modality; `joint_kernel` combines the kernels of
+modalities.
 """
 
 import warnings
@@ -17,20 +17,20 @@ from meal_bayes.look import short_repr
 from meal_bayes.perception.settings import PerceptionSettings
 
 _FAR = 5.0  # standard deviations at which features are clipped
-_WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
-_CONSTANT = 1e-9  # standard deviation, relative to the largest value, of a feature that is dropped
-_FEWEST_STEPS = 4  # of single precision, that a standard deviation has at least
-_ENOUGH = 8  # recordings, of fewer a sensor of 0 and 1 may well have shown one of them alone
-_COMPARED = 2048  # recordings whose distances are compared for a median
-_SEED = 0  # of the order in which neighbors go to folds
+_WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 are as good
+_CONSTANT = 1e-9  # largest standard deviation of a dropped feature, relative to its largest value
+_FEWEST_STEPS = 4  # smallest standard deviation, in steps of single precision
+_ENOUGH = 8  # recordings; with fewer, even a binary sensor may have shown only one value
+_COMPARED = 2048  # largest number of recordings whose distances determine a median
+_SEED = 0  # seed of the assignment of neighbors to folds
 
 
 @dataclass(frozen=True, slots=True)
 class Whitening(FrozenArrays):
-    """The map I + basis' gain basis of rows, which stretches r directions by 1 + gain.
+    """The linear map I + basis' gain basis, which scales r directions by 1 + gain.
 
-    Applied by its factors, as r is often far below d: products of d x d would take a quarter of an
-    online run on ISPY32.
+    The map is applied by its factors, because r is often much smaller than d: products with d x d
+    matrices would take a quarter of an online run on ISPY32.
     """
 
     basis: Floats  # (r,d), orthonormal
@@ -45,13 +45,25 @@ class Whitening(FrozenArrays):
 class FeatureSpace(FrozenArrays):
     """Standardized recordings and the kernel between them, without labels.
 
-    Features are squashed by sign(x) log(1 + |x|), as audio and haptics span decades, then
-    standardized and clipped at 5 standard deviations; constant ones are dropped. Where repeats of
-    objects are known, directions in which they differ are shrunk (within-object whitening).
+    Features are transformed by sign(x) log(1 + |x|), because audio and haptic features span several
+    orders of magnitude, then standardized and clipped at 5 standard deviations. Constant features
+    are dropped. With within-object whitening, directions in which repeated recordings of an object
+    differ are scaled down.
 
-    Of D features those at `varying` (d,) vary; `rows` (n,d) are the recordings, standardized and
-    whitened. The width of an RBF is the median distance between two recordings times a learned
-    factor.
+    Attributes
+    ----------
+    varying : Ints
+        (d,) positions of the features that vary, among D.
+    center, scale : Floats
+        (d,) means and standard deviations of these features.
+    rows : Floats
+        (n,d) recordings, standardized and whitened.
+    kernel : str
+        "rbf" or "polynomial".
+    width : float
+        Width of the RBF kernel: the median distance between two recordings times a learned factor.
+    whitening : Whitening | None
+        The map of within-object whitening; None without whitening.
     """
 
     varying: Ints
@@ -83,7 +95,7 @@ class FeatureSpace(FrozenArrays):
 def fit_space(
     features: NDArray[np.floating], kernel: str, objects: NDArray[np.integer] | None = None
 ) -> FeatureSpace:
-    """Fit the space of raw recordings (n,D); whitened where their objects (n,) are given."""
+    """Fit the space of raw recordings (n,D); with whitening if their objects (n,) are given."""
     squashed = _squash(features)
     sd = squashed.std(axis=0)
     varying = np.flatnonzero(sd > _CONSTANT * np.abs(squashed).max(axis=0, initial=0.0))
@@ -99,19 +111,20 @@ def fit_space(
 
 
 def joint_kernel(kernels: Floats) -> Floats:
-    """Compute the kernel of all modalities at once, (M,r,c) -> (r,c).
+    """Compute the kernel of all modalities together, (M,r,c) -> (r,c).
 
-    It is the RBF kernel of their features side by side: distances in units of each one's width,
-    squared and averaged. Attributes with a weak signal in every modality are learned by it from
-    fewer objects than a stacker needs [Gonen2011].
+    It is the RBF kernel of their features side by side, with the mean of the squared distances,
+    each in units of the modality's width. With this kernel, attributes with a weak signal in every
+    modality can be learned from fewer objects than with a stacker alone [Gonen2011].
     """
     return np.asarray(np.prod(kernels, axis=0) ** (1.0 / len(kernels)))
 
 
 def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Whitening | None:
-    """Return what scales directions of within-object variance v by sqrt(e / (v + e)).
+    """Return the map that scales directions with within-object variance v by sqrt(e / (v + e)).
 
-    None where no object is repeated. With few repeats most directions stay as they are.
+    The result is None if no object has repeated recordings. With few repeats, most directions do
+    not change.
     """
     _, index, count = np.unique(objects, return_inverse=True, return_counts=True)
     mean = np.zeros((len(count), rows.shape[1]))
@@ -120,7 +133,7 @@ def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Whitening | None:
     repeated = count[index] > 1
     if not repeated.any():
         return None
-    # Deviations of repeats from their object's mean; each object takes one degree of freedom.
+    # Deviations from the mean of the object; the mean of each object uses one degree of freedom.
     freedom = repeated.sum() - (count > 1).sum()
     _, values, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
     gain = np.sqrt(_WITHIN / (values**2 / freedom + _WITHIN)) - 1.0
@@ -142,9 +155,10 @@ def _squared_distance(a: Floats, b: Floats) -> Floats:
 
 
 def _median_distance(rows: Floats) -> float:
-    """Return the median distance of two recordings; their mean where it is 0; 1 where all coincide.
+    """Return the median distance between recordings.
 
-    Many recordings are thinned out evenly.
+    If the median is 0, the mean is returned instead, and 1 if all recordings are equal. From many
+    recordings, an evenly spaced selection is used.
     """
     rows = rows[:: -(-len(rows) // _COMPARED) or 1]
     # Each pair once, no recording with itself.
@@ -164,10 +178,21 @@ Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None:
 class BehaviorRecordings(FrozenArrays):
     """Recordings of one behavior, sorted by object and recording.
 
-    Objects (n,) rise; labels (n,P) are 1 true, 0 false, -1 unknown; spaces (M,) are those of the
-    modalities, each with rows (n,d). Questions (P,) name attribute and behavior. Landmarks (m,) are
-    rows that all others are compared with; None where there are few recordings, which are all
-    compared with each other. Kernels are wider by the factor `width`.
+    Attributes
+    ----------
+    objects : Ints
+        (n,) objects in increasing order.
+    labels : NDArray[np.int8]
+        (n,P) 1 true, 0 false, -1 unknown.
+    spaces : tuple[FeatureSpace, ...]
+        (M,) spaces of the modalities, each with rows (n,d).
+    questions : tuple[str, ...]
+        (P,) names of attribute and behavior for error messages.
+    landmarks : Ints | None
+        (m,) rows with which all others are compared; None if all recordings are compared with each
+        other.
+    width : float
+        Factor by which the widths of the kernels are multiplied.
     """
 
     objects: Ints
@@ -181,20 +206,20 @@ class BehaviorRecordings(FrozenArrays):
 
     @property
     def large(self) -> bool:
-        """Whether folds of objects are left out rather than single ones."""
+        """Whether folds of objects are left out instead of single objects."""
         return self.landmarks is not None
 
     @property
     def compared(self) -> tuple[FeatureSpace, ...]:
-        """Spaces that hold the rows which recordings are compared with."""
+        """Spaces with the rows with which recordings are compared."""
         if self.landmarks is None:
             return self.spaces
         return tuple(space.at(self.landmarks) for space in self.spaces)
 
     def kernels(self, *, joint: bool = False) -> Floats:
-        """Compute the kernels (M,n,m) with what recordings are compared with.
+        """Compute the kernels (M,n,m) between recordings and those they are compared with.
 
-        With `joint`, the kernel of all modalities at once is one more; a single one is its own.
+        If `joint`, the kernel of all modalities together is added, unless there is only one.
         """
         pairs = zip(self.compared, self.spaces, strict=True)
         kernels = np.stack([near.similarity(space.rows) for near, space in pairs])
@@ -205,9 +230,10 @@ class BehaviorRecordings(FrozenArrays):
         return np.concatenate([kernels, joint_kernel(kernels)[None]])
 
     def by_known_labels(self) -> Iterator[tuple[Ints, "BehaviorRecordings"]]:
-        """Yield attributes (a,) whose labels are known together, with their labels.
+        """Yield attributes (a,) whose labels are known for the same recordings, with their labels.
 
-        They share their classifiers; where all labels are known these are all attributes.
+        These attributes share the inverse of the kernel. If all labels are known, all attributes
+        are in one set.
         """
         patterns, pattern = np.unique(self.labels >= 0, axis=1, return_inverse=True)
         for index in np.flatnonzero(patterns.any(axis=0)):
@@ -216,20 +242,20 @@ class BehaviorRecordings(FrozenArrays):
             yield attributes, replace(self, labels=self.labels[:, attributes], questions=questions)
 
     def widened(self, factor: float) -> "BehaviorRecordings":
-        """Compare the same recordings by wider kernels."""
+        """Return the same recordings with kernels that are wider by a factor."""
         return replace(self, width=factor * self.width)
 
 
 def number_in_object(objects: Ints) -> Ints:
-    """Return the number of each row (n,) within its object, from 0; objects rise."""
+    """Return the number of each row (n,) within its object, from 0; objects are in order."""
     return np.arange(len(objects)) - np.searchsorted(objects, objects)
 
 
 def assign_folds(names: NDArray[np.integer], folds: int) -> Ints:
     """Assign a fold to each name (n,), a number from 0.
 
-    As neighbors are alike, `folds` of them in a row are in as many folds; in which order is drawn,
-    as a data set may repeat itself every so many objects.
+    Neighboring objects may be similar, so each run of `folds` consecutive objects is spread over
+    all folds. The order within a run is random, because a data set may have a periodic order.
 
     >>> sorted(assign_folds(np.arange(20, 24), 4).tolist())
     [0, 1, 2, 3]
@@ -243,14 +269,14 @@ def assign_folds(names: NDArray[np.integer], folds: int) -> Ints:
 def groups_of(
     behaviors: Iterable[BehaviorRecordings], objects: int, settings: PerceptionSettings
 ) -> Ints:
-    """Return what each object (O,) is left out with: itself, or a fold where there are many."""
+    """Return the group in which each object (O,) is left out: itself, or a fold of objects."""
     names = np.arange(objects)
     large = any(recordings.large for recordings in behaviors)
     return assign_folds(names, settings.folds) if large else names
 
 
 def _coarse(features: Floats) -> bool:
-    """Return whether a feature (n,D) varies, but by less than its last bits can tell apart."""
+    """Return whether a feature (n,D) varies by only a few steps of its floating-point precision."""
     spread = features.std(axis=0, dtype=np.float64)
     step = np.spacing(np.abs(features).max(axis=0, initial=0.0))
     return bool(((spread > 0) & (spread < _FEWEST_STEPS * step)).any())
@@ -260,11 +286,11 @@ def _coarse(features: Floats) -> bool:
 def fit_spaces(
     dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
 ) -> Spaces:
-    """Fit feature spaces, which need no labels; a behavior without recordings has none.
+    """Fit feature spaces, which need no labels; a behavior without recordings has no space.
 
-    A robot refits its classifiers as labels come in, and keeps the spaces. They hold all n = O R
-    recordings of the data set, and are fitted to those that the robot has gathered. Whitening
-    shrinks directions in which repeats of one object differ.
+    When new labels arrive, a robot fits its classifiers again but keeps the spaces. The spaces are
+    fitted to the recordings `gathered` by the robot, and contain all n = O R recordings of the data
+    set. With `whiten`, directions in which repeated recordings of an object differ are scaled down.
     """
     spaces = {}
     for context, values in dataset.features.items():
@@ -300,12 +326,12 @@ def gather(
     *,
     pairs: bool = False,
 ) -> dict[int, BehaviorRecordings]:
-    """Collect the recordings of each sensing behavior, by its index; no entry where there is none.
+    """Collect the recordings of each behavior that senses, by the index of the behavior.
 
-    If one behavior is above the settings' exact sizes, all have landmarks, spaced evenly over the
-    recordings. The number of objects counts only where `pairs` of them will be left out. Other
-    methods than "stacked" compare all recordings with each other at any size. Without `spaces` they
-    are fitted to the training set.
+    Behaviors without recordings have no entry. If one behavior exceeds the settings' exact sizes,
+    all behaviors have landmarks, which are spaced evenly over the recordings. The number of objects
+    matters only if `pairs` of them will be left out. Methods other than "stacked" always compare
+    all recordings with each other. By default, `spaces` are fitted to the training set.
     """
     if spaces is None:
         kernel = "polynomial" if settings.method == "paper" else "rbf"

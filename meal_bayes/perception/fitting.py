@@ -1,11 +1,12 @@
-"""Fitting Psi, how good percepts of unseen objects are, and percept tables.
+"""Fitting of classifiers Psi, their nested cross-validation, and percept tables.
 
-In a percept table every recording is scored by classifiers that never saw its object. Held-out
-outputs on object o come from classifiers and stackers that never saw o; the training-side outputs
-on o' for held-out o from ones that saw neither, so that the stacker behind them learned from
-decisions on o'' that saw none of the three. Means, standard deviations and median distances are
-those of all recordings (labels have no part in them). Above the settings' exact sizes, the folds of
-o, o' and o'' take their place; the methods "paper" and "classifier" leave folds out at any size.
+In a percept table, every recording is scored by classifiers that were not trained on its object.
+The held-out outputs on object o come from classifiers and stackers without o. The training-side
+outputs on o' for held-out o come from classifiers and stackers without o and o'; such a stacker
+learned from decisions on objects o'' by classifiers without o, o' and o''. Means, standard
+deviations and median distances are those of all recordings, because they do not use labels. With
+more objects or recordings than the settings' exact sizes, folds of objects are left out instead of
+objects; the methods "paper" and "classifier" always leave out folds.
 """
 
 import hashlib
@@ -72,29 +73,29 @@ def fit_and_validate(
 ) -> tuple[Perception, NDArray[np.int64]]:
     """Fit Psi of every behavior on the training set D, and cross-validate it.
 
-    Cross-validation is nested over objects: for object o' both the classifiers and the rule that
-    pools them are trained without o', and that rule learns only from decisions on objects that the
-    classifiers behind them never saw. Above the settings' exact sizes, folds of objects take the
-    place of objects. Each labeled instance is one count, at even odds where the other objects
-    hold one class only.
+    Cross-validation is nested over objects: for object o', both the classifiers and the rule that
+    combines them are trained without o', and this rule learns only from decisions on objects on
+    which the classifiers were not trained. Above the settings' exact sizes, folds of objects are
+    left out instead of objects. Each labeled instance is one count; its percept has even odds if
+    the other objects have only one class.
 
     Parameters
     ----------
     dataset : Dataset
         Features and labels.
     training_set : TrainingSet
-        The recordings of D.
+        Recordings of D.
     settings : PerceptionSettings
-        The method.
+        Settings of the classifiers.
     spaces : Spaces, optional
-        Of `fit_spaces`, fitted before; by default they are fitted to D.
+        Feature spaces that `fit_spaces` returned; by default they are fitted to D.
 
     Returns
     -------
-    Perception
-        Fitted to all of D.
-    NDArray[np.int64]
-        (O,P,E,2,K) percepts of each training object by classifiers that never saw it.
+    perception : Perception
+        Classifiers that were trained on all of D.
+    counts : NDArray[np.int64]
+        (O,P,E,2,K) percepts of each training object by classifiers that were not trained on it.
     """
     domain = dataset.domain
     classifiers = {}
@@ -106,7 +107,7 @@ def fit_and_validate(
         with turn():
             fit, nested = method_of(settings).fit(recordings.widened(width), settings)
         counts[:, :, e] = _count(recordings, nested, settings.levels, len(counts))
-        # Worse than chance on held-out objects: further percepts are put at even odds.
+        # If a pair is not above chance on held-out objects, later percepts get even odds.
         used = informative(counts[:, :, e].sum(axis=0)) | (not settings.positive_youden_only)
         wide = [replace(space, width=width * space.width) for space in recordings.compared]
         spaces_of = dict(zip(domain.behaviors[e].modalities, wide, strict=True))
@@ -169,7 +170,8 @@ def build_percept_table(
     settings = NAMED[perception] if isinstance(perception, str) else perception
     if dataset.recordings > _MOST_RECORDINGS:
         raise SettingsError(
-            f"{dataset.recordings} recordings of an object; give {_MOST_RECORDINGS} at most."
+            f"An object has {dataset.recordings} recordings by a behavior; give at most "
+            f"{_MOST_RECORDINGS}."
         )
     domain = dataset.domain
     n_objects = len(dataset.objects)
@@ -212,10 +214,11 @@ def _score_behavior(
     groups: Ints,
     settings: PerceptionSettings,
 ) -> tuple[int, Stored, Counts]:
-    """Score one behavior, given by its number and recordings, without each group, (G,) names.
+    """Score the recordings of one behavior, with each of the G groups `names` left out.
 
-    Widths (G,) are those of the kernels. Returns the number, the held-out outputs (n,P), and how
-    often the objects showed each fine bin without each group, (G,O,P,L).
+    `piece` is the number of the behavior and its recordings; widths (G,) are those of the kernels.
+    Returns the number, the held-out outputs (n,P), and for each left-out group how often the
+    objects showed each fine bin, (G,O,P,L).
     """
     index, recordings = piece
     n, n_attributes = recordings.labels.shape
@@ -230,7 +233,7 @@ def _score_behavior(
             rows = np.isin(groups[recordings.objects], names[left_out])
             for attributes, subset in recordings.widened(width).by_known_labels():
                 log_odds, training = method_of(settings).outputs(subset, names[left_out], settings)
-                # On its own group's recordings a training-side output means nothing.
+                # Training-side outputs on the left-out group itself are not used.
                 training[names[left_out][:, None] == groups[recordings.objects]] = np.nan
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]
                 bins = classifier_levels(training, n_bins)  # (h,n,a)
@@ -243,10 +246,10 @@ def _score_behavior(
 
 
 def _neutralize(log_odds: Stored, bins: Counts, labels: Any, groups: Ints) -> None:
-    """Set held-out percepts to even odds, in place, where those of the training side tell nothing.
+    """Set held-out percepts of uninformative pairs to even odds, in place.
 
-    Decided for each held-out group from the other groups alone, whose counts stay as they are: how
-    far below chance pairs fall says how many are above it by chance.
+    For each held-out group, only the counts of the other groups decide. These counts do not change,
+    because pairs below chance show how many pairs are above chance by chance.
     """
     for group, counts in enumerate(bins):
         percepts = by_truth(counts.astype(np.int64), labels).sum(axis=0)
@@ -256,7 +259,7 @@ def _neutralize(log_odds: Stored, bins: Counts, labels: Any, groups: Ints) -> No
 
 
 def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str]:
-    """Return what identifies a table: package, settings, recordings, command, classifier."""
+    """Return the provenance of a table: package, settings, recordings, command, classifier."""
     digest = hashlib.sha256(dataset.labels.tobytes())
     for context, values in sorted(dataset.features.items()):
         digest.update(repr(context).encode())

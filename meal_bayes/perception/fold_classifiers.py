@@ -1,19 +1,19 @@
-"""Classifiers that must be trained anew for every fold: scikit-learn's, and the paper's.
+"""Classifiers that are trained again for every fold: scikit-learn's, and the paper's.
 
-An object is never split. A decision on a fold comes from classifiers that never saw it, and what
-pools and calibrates decisions for a fold is fitted to decisions on other folds by classifiers that
-saw neither. So each set of at most three folds is left out once: with five, 25 trainings serve
-every object's percept table.
+All recordings of an object are in the same fold. Decisions on a fold come from classifiers without
+this fold. The rule that combines and calibrates decisions on a fold is fitted to decisions on other
+folds, by classifiers without both folds. Therefore each set of at most three folds is left out
+once: with five folds, 25 trainings are enough for the percept tables of all objects.
 
-A classifier of one's own: one clone an attribute learns from the features of all modalities side by
-side. A class-balanced stacker with a nonnegative slope calibrates its decisions, on objects that
-the clones never saw. So a classifier gains nothing by overfitting its objects or by preferring the
-larger class.
+A user's own classifier: for each attribute, one clone learns from the features of all modalities
+side by side. A class-balanced stacker with a nonnegative slope calibrates its decisions, on objects
+on which the clones were not trained. So a classifier gains nothing by overfitting its objects or by
+preferring the larger class.
 
-The paper's method (Sect. 4.2): a support vector machine for each modality, pooled by Cohen's kappa
-A machine's decision becomes a probability by a sigmoid; its weight is the kappa of these
-probabilities, negative ones 0; the output is the weighted mean, or 1/2 where all weights are 0.
-Percepts include the base rate; they are no likelihood ratios.
+The paper's method (Sect. 4.2): a support vector machine for each modality, weighted by Cohen's
+kappa. A sigmoid turns the decision of a machine into a probability. The weight of a machine is the
+kappa of these probabilities, or 0 if kappa is negative. The output is the weighted mean, or 1/2 if
+all weights are 0. Percepts include the base rate; they are not likelihood ratios.
 """
 
 import os
@@ -43,11 +43,11 @@ from meal_bayes.perception.kernel_ridge import RIDGE, Stacker, object_weights
 from meal_bayes.perception.own_classifier import blamed, decisions_of, repeatable
 from meal_bayes.perception.settings import PerceptionSettings
 
-_SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
+_SOFT = 1e-4  # ridge on the sigmoid's slope, needed if decisions separate the classes
 
 
 class KappaPool(NamedTuple):
-    """Sigmoids (M,P,2), offset and slope on decisions, and their weights (M,P), Cohen's kappa."""
+    """Sigmoids (M,P,2) of decisions, by offset and slope, and weights (M,P), Cohen's kappa."""
 
     sigmoid: Floats
     weights: Floats
@@ -62,7 +62,7 @@ class KappaPool(NamedTuple):
             if labels.any() and not labels.all():
                 offset, slope = sigmoid[m, p] = fit_sigmoid(decisions[:, m, p], labels)
                 yes = offset + slope * decisions[:, m, p] > THRESHOLD
-                # Cohen's kappa: agreement beyond chance, of what chance leaves.
+                # Cohen's kappa: (agreement - chance) / (1 - chance)
                 agree = (yes == labels).mean()
                 p_yes = yes.mean()
                 p_true = labels.mean()
@@ -101,15 +101,22 @@ def fit_sigmoid(decisions: Floats, truth: Bools) -> Floats:
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 
 _BOX = 10.0  # C of the support vector machines
-_LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
+_LOOSE = 1e-2  # tolerance of the fit; a smaller one takes up to forty times as long
 
 
 class Machines(NamedTuple):
-    """Estimators (M,P) of inputs and attributes, None where a class was missing, and their columns.
+    """Trained estimators for M inputs and P attributes.
 
-    An input is what an estimator learns from: the features of all modalities, or the kernel of one
-    modality between recordings, whose columns are the recordings trained on. Questions (P,) are the
-    words in which an error names attribute, behavior and the folds that were left out.
+    An input is the features of all modalities, or the kernel of one modality between recordings.
+
+    Attributes
+    ----------
+    estimators : NDArray[np.object_]
+        (M,P) estimators; None if the training set had only one class.
+    columns : Bools | slice
+        Columns of an input that the estimators use; for a kernel, the training recordings.
+    questions : Sequence[str]
+        (P,) names of attribute, behavior and left-out folds for error messages.
     """
 
     estimators: NDArray[np.object_]
@@ -117,7 +124,10 @@ class Machines(NamedTuple):
     questions: Sequence[str]
 
     def decide(self, inputs: Sequence[Floats | None]) -> Floats:
-        """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
+        """Return decisions (B,M,P) on inputs (B,d).
+
+        Decisions are 0 without an estimator, and NaN if an input is None.
+        """
         n = next(len(values) for values in inputs if values is not None)
         decisions = np.zeros((n, *self.estimators.shape))
         for m, p in np.ndindex(self.estimators.shape):
@@ -136,12 +146,27 @@ class Machines(NamedTuple):
 class FoldProblem(ByValue):
     """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
 
-    Inputs (M,n,d) are those of `Machines`; objects (n,) rise; folds (n,) are those of the
-    recordings' objects, -1 of unknown labels, which are scored and never trained on; held groups
-    (n,) what a percept table holds out: objects, or folds where there are many. `fit_pool` takes
-    decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those who never saw
-    them; r may be 0. Questions (P,) name attribute and behavior in an error. More than one thread
-    trains only where training is thread-safe.
+    Attributes
+    ----------
+    inputs : Floats
+        (M,n,d) inputs of `Machines`.
+    truth : Bools
+        (n,P) labels.
+    objects : Ints
+        (n,) objects in increasing order.
+    folds : Ints
+        (n,) folds of the objects; -1 for unknown labels, which are scored but not used in training.
+    held_groups : Ints
+        (n,) groups that a percept table holds out: objects, or folds of many objects.
+    questions : Sequence[str]
+        (P,) names of attribute and behavior for error messages.
+    estimator : Any
+        Estimator whose clones are trained.
+    fit_pool : Callable[[Floats, Bools, Ints], Stacker | KappaPool]
+        Function that fits the rule that combines decisions, from out-of-fold decisions (r,M,P),
+        truth (r,P) and objects (r,); r may be 0.
+    threads : int
+        Number of threads; more than one only if training is thread-safe.
     """
 
     inputs: Floats
@@ -160,7 +185,7 @@ class FoldProblem(ByValue):
         return list(map(int, np.unique(self.folds[self.folds >= 0])))
 
     def train(self, rows: Bools) -> Machines:
-        """Train clones of the estimator on some rows, by their labels alone."""
+        """Train clones of the estimator on some rows."""
         pairwise = getattr(self.estimator, "kernel", None) == "precomputed"
         columns = rows if pairwise else slice(None)
         left_out = ", ".join(map(str, np.setdiff1d(self.names, self.folds[rows]))) or "none"
@@ -175,11 +200,11 @@ class FoldProblem(ByValue):
         return Machines(fitted, columns, questions)
 
     def decide(self, trained_on: Bools, rows: Bools) -> Floats:
-        """Train on some rows, and decide on others, (B,M,P)."""
+        """Train on some rows and return decisions on others, (B,M,P)."""
         return self.train(trained_on).decide([values[rows] for values in self.inputs])
 
     def decide_without(self, most: int) -> Decisions:
-        """Train without every set of at most so many folds, and decide on their rows."""
+        """Leave out every set of at most `most` folds; return decisions on the left-out rows."""
         sets = [frozenset(s) for k in range(1, most + 1) for s in combinations(self.names, k)]
 
         def decide(left_out: frozenset[int]) -> Floats:
@@ -195,8 +220,8 @@ class FoldProblem(ByValue):
 def _pool(
     problem: FoldProblem, decisions: Decisions, left_out: frozenset[int] = frozenset()
 ) -> Stacker | KappaPool:
-    """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
-    # Decisions on a fold are those without it, and without what is left out of all.
+    """Fit a pool to decisions on the remaining folds, by classifiers without the fold."""
+    # Decisions on a fold come from classifiers without this fold and without `left_out`.
     remaining = [fold for fold in problem.names if fold not in left_out]
     rows = np.isin(problem.folds, remaining) & (len(remaining) > 1)  # else nothing is out of fold
     out_of_fold = np.empty((len(rows), len(problem.inputs), problem.truth.shape[1]))
@@ -209,7 +234,7 @@ def _pool(
 def _nested(
     problem: FoldProblem, decisions: Decisions, left_out: frozenset[int] = frozenset()
 ) -> Floats:
-    """Score each fold by classifiers and pools that saw neither it nor `left_out`, (n,P)."""
+    """Score each fold by classifiers and pools without the fold and `left_out`, (n,P)."""
     outputs = np.full(problem.truth.shape, np.nan)
     for fold in problem.names:
         if fold not in left_out:
@@ -220,7 +245,7 @@ def _nested(
 
 
 class AttributeMachines(NamedTuple):
-    """Machines and pool of attributes (a,) whose labels are known together."""
+    """Machines and pool of attributes (a,) whose labels are known for the same recordings."""
 
     attributes: Ints
     machines: Machines
@@ -228,14 +253,14 @@ class AttributeMachines(NamedTuple):
 
 
 class ClassifierFit(NamedTuple):
-    """A behavior fitted by scikit-learn, perhaps by the paper's method; as `KernelFit`."""
+    """Fitted scikit-learn classifiers of a behavior, or the paper's; same use as `KernelFit`."""
 
     parts: tuple[AttributeMachines, ...]
     paper: bool
     n_attributes: int
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
-        """Return log-odds of "true", (B,P); a missing modality has its mean features."""
+        """Return log-odds of "true", (B,P); mean features replace those of a missing modality."""
         n = next(len(values) for values in rows if values is not None)
         pairs = zip(spaces, rows, strict=True)
         inputs: list[Floats | None]
@@ -253,7 +278,7 @@ class ClassifierFit(NamedTuple):
 def fit(
     recordings: BehaviorRecordings, settings: PerceptionSettings
 ) -> tuple[ClassifierFit, Floats]:
-    """Fit one behavior; as `kernel_ridge.fit`, nested outputs by folds."""
+    """Fit the classifiers of one behavior, like `kernel_ridge.fit` with folds left out."""
     nested = np.full(recordings.labels.shape, np.nan)
     parts = []
     for attributes, subset in recordings.by_known_labels():
@@ -269,10 +294,10 @@ def fit(
 def outputs(
     recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
 ) -> tuple[Floats, Floats]:
-    """Score one behavior for the percept tables; as `kernel_ridge.outputs`, by folds of objects.
+    """Score one behavior for percept tables, like `kernel_ridge.outputs` with folds left out.
 
-    All that is done for held-out o leaves o's whole fold out. But the paper's machine that scores
-    o itself is trained anew on all other objects, where they are few.
+    For a held-out object o, the whole fold of o is left out. There is one exception: with few
+    objects, the paper's machine that scores o itself is trained again on all other objects.
     """
     problem = _problem(recordings, settings)
     labeled = problem.folds >= 0
@@ -281,7 +306,7 @@ def outputs(
     training = np.tile(held_outputs, (len(held), 1, 1))
     for fold in problem.names:
         outputs_without = _nested(problem, decisions, frozenset([fold]))
-        # The other objects of its fold are scored without the fold, as is all else.
+        # The other objects of the fold are scored by classifiers without the fold, too.
         of_fold = problem.folds == fold
         outputs_without[of_fold] = held_outputs[of_fold]
         training[np.isin(held, problem.held_groups[of_fold])] = outputs_without
@@ -302,9 +327,10 @@ def outputs(
 
 
 def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
-    """Build the fold problem of recordings of which all labels are known, or none.
+    """Build the fold problem of recordings for which all labels are known, or none.
 
-    Neighbors are in different folds. Many objects have the same folds for every behavior.
+    Neighboring objects are in different folds. With many objects, folds are the same for every
+    behavior.
     """
     objects = recordings.objects
     labeled = recordings.labels[:, 0] >= 0
@@ -319,14 +345,14 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
         inputs = recordings.kernels()
         estimator = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
         fit_pool = KappaPool.fitted
-        # Support vector machines train without the interpreter's lock.
+        # Support vector machines release the interpreter's lock while training.
         threads = os.cpu_count() or 1
     else:
         inputs = np.hstack([space.rows for space in recordings.spaces])[None]
         with blamed(settings.classifier, "be copied"):
             estimator = repeatable(settings.classifier)
         fit_pool = partial(_fit_stacker, settings=settings)
-        threads = 1  # forests set the process's warning filters
+        threads = 1  # forests change the warning filters of the process
     return FoldProblem(
         inputs=inputs,
         truth=truth,
@@ -343,7 +369,7 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
 def _fit_stacker(
     decisions: Floats, truth: Bools, objects: Ints, settings: PerceptionSettings
 ) -> Stacker:
-    """Calibrate decisions (r,1,P), each in units of its standard deviation: all share a ridge."""
+    """Calibrate decisions (r,1,P) in units of their standard deviation, so all share a ridge."""
     weights = np.zeros((truth.shape[1], 2))
     if len(truth):
         scale = decisions.std(axis=0)[0]

@@ -1,21 +1,22 @@
-"""The default method: closed-form kernel classifiers, pooled by a stacker [Wolpert1992].
+"""The default method: closed-form kernel classifiers, combined by a stacker [Wolpert1992].
 
-A classifier for each modality, and one for all of them at once. Outputs on a group of recordings
-come from classifiers and stackers that never saw it; groups are objects, or folds of objects where
-there are many. With C = gram + noise and targets y of +-1, the kernel-ridge classifier trained
-without the recordings G decides y_G - inv(C^-1[G,G]) (C^-1 y)_G on them [Cawley2006]: one inverse a
-modality serves every attribute, object and pair of objects.
+There is a classifier for each modality and one for all modalities together. Outputs on a group of
+recordings come from classifiers and stackers without this group; groups are objects, or folds of
+many objects. With C = gram + noise and targets y = +-1, a kernel-ridge classifier without the
+recordings G has the decisions y_G - inv(C^-1[G,G]) (C^-1 y)_G on them [Cawley2006]. So one inverse
+for each modality is enough for all attributes, objects and pairs of objects.
 
-Many recordings are compared with m landmarks, of kernel L L'. A recording x has m features
-phi(x) = L^-1 k(x), whose products are nearly its kernels (Nyström's approximation [Williams2001]).
-A ridge on them is a kernel ridge; its normal equations are sums over folds of objects, so leaving
-folds out subtracts theirs. All costs are linear in the recordings.
+With many recordings, each is compared with m landmarks, whose kernel is L L'. A recording x has m
+features phi(x) = L^-1 k(x), whose products approximate its kernels (Nyström's approximation
+[Williams2001]). A ridge regression on these features is a kernel ridge regression. Its normal
+equations are sums over folds of objects, so leaving out folds subtracts their parts. The cost is
+linear in the number of recordings.
 
-Kernels are wider than the median distance by one factor, which is learned from the labels. A narrow
-kernel separates objects where recordings are informative; a wide one has few smooth functions, as
-many as a few objects of noisy recordings determine. The factor is one for all behaviors, and
-minimizes the loss of the stackers on decisions of classifiers on objects that these never saw,
-summed over attributes and behaviors. A held-out object's own labels have no part in it.
+The width of all kernels is the median distance times a factor that is learned from the labels. A
+narrow kernel separates objects if recordings are informative. A wide kernel allows only smooth
+functions, which can be learned from a few objects with noisy recordings. The factor is the same for
+all behaviors. It minimizes the loss of the stackers on decisions by classifiers without the object,
+summed over attributes and behaviors. The labels of a held-out object are not used.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -41,9 +42,9 @@ from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.threads import turn
 
 NOISE = 0.15  # lambda of C = K + lambda I
-RIDGE = 0.5  # on the stackers' slopes
-NOBODY = np.empty((1, 0), np.int64)  # one set, of no groups
-_JITTER = 1e-9  # on the landmarks' kernel, where two of them are alike
+RIDGE = 0.5  # ridge on the slopes of stackers
+NOBODY = np.empty((1, 0), np.int64)  # one empty set of groups
+_JITTER = 1e-9  # added to the landmarks' kernel, which may be singular if two are equal
 
 
 class Stacker(NamedTuple):
@@ -58,16 +59,16 @@ class Stacker(NamedTuple):
 
 
 class KernelFit(NamedTuple):
-    """A classifier for each of M kernels (of the modalities, perhaps a joint one), and their pool.
+    """Classifiers for M kernels (of the modalities, and perhaps a joint one), and their stacker.
 
-    `dual` (M,P,m) is the weight of each recording, or landmark, in the classifiers' decisions.
+    `dual` (M,P,m) contains the weight of each recording, or landmark, in the decisions.
     """
 
     dual: Floats
     pool: Stacker
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
-        """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
+        """Return log-odds of "true", (B,P); the joint kernel uses the modalities that are given."""
         pairs = zip(spaces, rows, strict=True)
         kernels = np.stack([space.similarity(v) for space, v in pairs if v is not None])
         present = [m for m, values in enumerate(rows) if values is not None]
@@ -81,15 +82,25 @@ class KernelFit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Problem(ByValue):
-    """Recordings of one behavior whose labels are known, group by group.
+    """Recordings of one behavior with known labels, sorted by group.
 
-    Groups (k,) rise; the recordings of each begin at `starts` (k+1,). Weights (n,) are of each
-    recording in a stacker's loss, 2 an object; targets (P,n) are +-1; duals (M,P,m) the weights of
-    what recordings are compared with, trained on all groups.
-
-    `score` takes groups left out (s,), their `rows` (q,), and whether those who decide on the
-    others did not see them either. It returns decisions on the recordings left out, (M,P,q), and on
-    every other group by itself left out too, (M,P,n), 0 where they are left out.
+    Attributes
+    ----------
+    groups : Ints
+        (k,) groups in increasing order.
+    starts : Ints
+        (k+1,) first recording of each group.
+    weights : Floats
+        (n,) weight of each recording in the loss of a stacker; each object has 2 in total.
+    targets : Floats
+        (P,n) labels as +-1.
+    duals : Floats
+        (M,P,m) weights of recordings or landmarks in classifiers that are trained on all groups.
+    score : Callable[[Ints, Ints, bool], tuple[Floats, Floats]]
+        Function of the left-out groups (s,), their rows (q,), and whether the classifiers for the
+        other groups are trained without the left-out groups, too. It returns decisions on the
+        left-out rows, (M,P,q), and decisions on all other groups by classifiers without the group,
+        (M,P,n), which are 0 on the left-out rows.
     """
 
     groups: Ints
@@ -106,13 +117,16 @@ class Problem(ByValue):
 
 
 def object_weights(objects: Ints) -> Floats:
-    """Return the weight of each recording (n,) in a stacker's loss: every object has 2 in all."""
+    """Return the weight of each recording (n,) in a stacker's loss: 2 in total for each object."""
     _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
     return np.asarray(2.0 / sizes[object_of.ravel()])
 
 
 def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> Problem:
-    """Invert C of each kernel: grams (M,n,n), truth (n,P), groups (n,) rising."""
+    """Build the problem with the inverse C^-1 of each kernel.
+
+    Grams are (M,n,n), truth is (n,P), and groups (n,) are in increasing order.
+    """
     names, starts = np.unique(groups, return_index=True)
     starts = np.append(starts, len(groups))
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
@@ -138,10 +152,10 @@ def landmark_problem(
     groups: tuple[Ints, Ints],
     noise: float,
 ) -> Problem:
-    """Build the normal equations of recordings that are compared with landmarks; groups are folds.
+    """Build the problem of recordings that are compared with landmarks, with folds as groups.
 
-    Kernels (M,n,m) are of recordings with landmarks, `landmarks` (M,m,m) those of landmarks with
-    each other, truth (n,P), groups the folds (n,), rising, and the objects (n,).
+    Kernels (M,n,m) are between recordings and landmarks, and `landmarks` (M,m,m) between landmarks.
+    Truth is (n,P). `groups` contains the folds (n,) in increasing order and the objects (n,).
     """
     folds, objects = groups
     names, starts = np.unique(folds, return_index=True)
@@ -196,10 +210,16 @@ def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
 
 
 class LeftOut(NamedTuple):
-    """Stackers that never saw some sets S of groups, and their log-odds on these groups.
+    """Stackers that were fitted without some sets S of groups, and their log-odds on these groups.
 
-    Weights (S,P,1+M) are intercept and slopes, log-odds (P,q) of each set's recordings in the order
-    of `Problem.rows`, losses (S,P) those on the decisions it learned from, ridge included.
+    Attributes
+    ----------
+    weights : Floats
+        (S,P,1+M) intercepts and slopes.
+    log_odds : list[Floats]
+        (P,q) log-odds of the recordings of each set, in the order of `Problem.rows`.
+    losses : Floats
+        (S,P) losses on the decisions from which the stackers learned, including the ridge.
     """
 
     weights: Floats
@@ -210,9 +230,9 @@ class LeftOut(NamedTuple):
 def leave_out(
     problem: Problem, sets: Ints, settings: PerceptionSettings, warm: Floats | None = None
 ) -> LeftOut:
-    """Fit stackers without each of the sets (S,s) of groups, numbered as in the problem.
+    """Fit stackers without each of the sets (S,s) of groups, which are positions in the problem.
 
-    `warm` (P,1+M) is where the search starts; the optimum is unique.
+    `warm` (P,1+M) is the starting point; it does not influence the result.
     """
     n_kernels, n_targets, _ = problem.duals.shape
     weights = np.zeros((len(sets), n_targets, 1 + n_kernels))
@@ -222,7 +242,7 @@ def leave_out(
         rows = problem.rows(left_out)
         held, decisions = problem.score(left_out, rows, settings.nested)
         remaining = problem.weights.copy()
-        remaining[rows] = 0.0  # the stacker does not learn from what is left out
+        remaining[rows] = 0.0  # the stacker does not learn from left-out recordings
         if warm is not None:
             weights[index] = warm
         fit_stackers(
@@ -235,7 +255,7 @@ def leave_out(
             weights=weights[index],  # written
             losses=losses[index],  # written
         )
-        # log-odds on what is left out: intercept, and a slope for each kernel's decision
+        # log-odds on left-out recordings: intercept, and a slope for each kernel's decision
         slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         log_odds.append(weights[index, :, :1] + slopes)
     return LeftOut(weights, log_odds, losses)
@@ -244,16 +264,16 @@ def leave_out(
 def each_group(
     problem: Problem, settings: PerceptionSettings, warm: Floats | None = None
 ) -> Floats:
-    """Score every recording by classifiers and stackers that never saw its group, (n,P)."""
+    """Score every recording by classifiers and stackers without its group, (n,P)."""
     sets = np.arange(len(problem.groups))[:, None]
     return np.concatenate(leave_out(problem, sets, settings, warm).log_odds, axis=1).T
 
 
 class AttributeProblem(NamedTuple):
-    """Attributes (a,) whose labels are known together, and the problem of these recordings.
+    """Attributes (a,) whose labels are known for the same recordings, and their problem.
 
-    Rows (r,) are the recordings, group by group; columns (c,) what the problem's duals weigh, of
-    what recordings are compared with.
+    Rows (r,) are the recordings, sorted by group. Columns (c,) are the recordings or landmarks to
+    which the duals of the problem belong.
     """
 
     rows: Ints
@@ -265,10 +285,10 @@ class AttributeProblem(NamedTuple):
 def attribute_problems(
     recordings: BehaviorRecordings, kernels: Floats, settings: PerceptionSettings, by_object: bool
 ) -> Iterator[AttributeProblem]:
-    """Yield the problems of one behavior, by which labels are known together.
+    """Yield a problem for each set of attributes whose labels are known for the same recordings.
 
-    What is left out as one are objects, or folds of them where there are many; not `by_object`,
-    recordings or folds of recordings.
+    The groups that are left out are objects, or folds of many objects. If not `by_object`, they are
+    recordings, or folds of recordings.
     """
     n = len(recordings.objects)
     landmarks = recordings.landmarks
@@ -290,10 +310,10 @@ def attribute_problems(
 
 
 def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> tuple[KernelFit, Floats]:
-    """Fit one behavior: its classifiers and their stackers; and its nested outputs, (n,P).
+    """Fit the classifiers and stackers of one behavior; also return its nested outputs, (n,P).
 
-    The nested output on a recording comes from classifiers and stackers that never saw its object;
-    it is NaN where the label is unknown.
+    The nested output on a recording comes from classifiers and stackers without its object. It is
+    NaN if the label is unknown.
     """
     kernels = recordings.kernels(joint=settings.joint)
     n_kernels, _, m = kernels.shape
@@ -313,11 +333,24 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> tuple[K
 def outputs(
     recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
 ) -> tuple[Floats, Floats]:
-    """Score one behavior for the percept tables; of each object all labels are known, or none.
+    """Score one behavior for percept tables; all labels of an object must be known, or none.
 
-    Held (H,) are objects, or folds of them where there are many (see `assign_folds`). Returns the
-    outputs (n,P) on what is held out, and for each of it those on the others, (H,n,P), NaN where
-    none was computed; on itself they mean nothing.
+    Parameters
+    ----------
+    recordings : BehaviorRecordings
+        Recordings of the behavior.
+    held : Ints
+        (H,) held-out objects, or folds of many objects (see `assign_folds`).
+    settings : PerceptionSettings
+        Settings of the classifiers.
+
+    Returns
+    -------
+    held_outputs : Floats
+        (n,P) outputs on held-out recordings.
+    training : Floats
+        (H,n,P) outputs on the other recordings for each held-out group; NaN if none was computed.
+        Outputs on the held-out group itself are not valid.
     """
     kernels = recordings.kernels(joint=settings.joint)
     (part,) = attribute_problems(recordings, kernels, settings, by_object=True)
@@ -325,9 +358,9 @@ def outputs(
     weights = leave_out(problem, NOBODY, settings).weights[0]
     held_outputs = np.full(recordings.labels.shape, np.nan)
     held_outputs[part.rows] = each_group(problem, settings, weights)
-    # An object without labels or recordings is in no training set: what serves others serves it.
+    # An object without labels or recordings is in no training set, so nothing changes without it.
     training = np.tile(held_outputs, (len(held), 1, 1))
-    # Unordered pairs of groups, at least one held out: each gives the training side of the other.
+    # Pairs of groups of which at least one is held out; each gives training-side outputs.
     pairs = np.stack(np.triu_indices(len(problem.groups), 1), axis=1)
     pairs = pairs[np.isin(problem.groups[pairs], held).any(axis=1)]
     both = leave_out(problem, pairs, settings, weights).log_odds
@@ -356,14 +389,15 @@ def learned_widths(
     held: Iterable[int] = (),
     map_behaviors: Map = map,
 ) -> tuple[float, Floats]:
-    """Learn the factor of the kernels' widths, by all labels, and without each held object's, (H,).
+    """Learn the factor of the kernels' widths, with all labels and without those of each group.
 
-    Where the settings fix a width it is the factor; it is 1 of other methods than "stacked".
-    Held are objects, or folds of them where there are many. `map_behaviors` calls a function
-    on every behavior, perhaps at once; results may come in any order.
+    Returns the factor with all labels, and the factors (H,) without each held-out group. If the
+    settings fix a width, it is the factor; for methods other than "stacked", the factor is 1.
+    `held` contains objects, or folds of many objects. `map_behaviors` applies a function to all
+    behaviors, possibly in parallel, and may return results in any order.
     """
     groups = np.fromiter(held, np.int64)
-    # Only the stackers' losses tell widths apart; of other methods the width is the median's.
+    # The width is learned by the losses of stackers; other methods use the median distance.
     fixed = settings.width if settings.method == "stacked" else 1.0
     if fixed is not None:
         return fixed, np.full(len(groups), fixed)
@@ -381,9 +415,10 @@ def learned_widths(
 def _losses_of_widths(
     piece: tuple[int, BehaviorRecordings], held: Ints, settings: PerceptionSettings
 ) -> tuple[int, Floats]:
-    """Sum the stackers' losses over a behavior's attributes.
+    """Sum the losses of stackers over the attributes of a behavior.
 
-    Returns its number, and by width (W,1+H) the sums with all groups and without each held one.
+    Returns the number of the behavior and, for each width, the sums with all groups and without
+    each held-out group, (W,1+H).
     """
     index, recordings = piece
     total = np.zeros((len(WIDTHS), 1 + len(held)))
@@ -397,7 +432,7 @@ def _losses_of_widths(
                 everyone = leave_out(problem, NOBODY, settings)
                 (all_losses,) = (everyone.losses * _votes(problem, NOBODY)).sum(axis=1)
                 total[w] += all_losses
-                # Without a group that has no recording here the loss is that of all.
+                # Without a group that has no recordings here, the loss is that of all groups.
                 present = np.flatnonzero(np.isin(held, problem.groups))
                 sets = np.searchsorted(problem.groups, held[present])[:, None]
                 without = leave_out(problem, sets, settings, everyone.weights[0])
@@ -407,9 +442,9 @@ def _losses_of_widths(
 
 
 def _votes(problem: Problem, sets: Ints) -> Floats:
-    """Weight each attribute by its labels' variance without the sets, (S,P).
+    """Return the weight of each attribute, the variance of its labels without the sets, (S,P).
 
-    A balanced loss is the noisier the smaller the rarer class.
+    A balanced loss has more noise if the rarer class is small.
     """
     true = np.add.reduceat((problem.targets > 0).astype(float), problem.starts[:-1], axis=1)
     sizes = np.diff(problem.starts)

@@ -1,6 +1,6 @@
-"""Classifiers of somebody's: what is asked of them, and faults of theirs in one line of ours.
+"""Checks of a user's own classifier, and error messages if it fails.
 
-What they are given are copies, which they may write into.
+The classifier gets copies of the features, so it may modify them.
 """
 
 from collections.abc import Iterator
@@ -14,15 +14,15 @@ from sklearn.base import clone, is_classifier
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import DataError, SettingsError
 
-_SEED = 0  # of estimators with random states that are not set
-_LARGEST = 1e100  # decisions are clipped here, so that their squares are finite
-_SUM = 1e-3  # sums of probabilities may differ from 1 by so much
-_ROUNDING = 1e-9  # and a probability be so far below 0
-_SURE = 1e-3  # probabilities stay this far from 0 and 1: 50 trees that agree are not certain
+_SEED = 0  # random state of estimators without one
+_LARGEST = 1e100  # decisions are clipped to this size, so that their squares are finite
+_SUM = 1e-3  # tolerance of the sums of probabilities
+_ROUNDING = 1e-9  # tolerance of probabilities below 0
+_SURE = 1e-3  # smallest distance of a probability from 0 and 1: 50 agreeing trees may be wrong
 
 
 def check_classifier(classifier: Any) -> None:
-    """Refuse what is no classifier, or cannot be trained anew for every fold."""
+    """Raise `SettingsError` for a value that is not a classifier or cannot be copied."""
     name = type(classifier).__name__
     if isinstance(classifier, type):
         name = classifier.__name__
@@ -43,13 +43,13 @@ def check_classifier(classifier: Any) -> None:
         )
     if fresh is classifier:
         raise SettingsError(
-            f"The classifier {name} is its own copy, so that all folds would share what it "
-            "learned; give one that is trained anew for every fold."
+            f"scikit-learn's clone() returns the classifier {name} itself, so all folds would "
+            "share one trained classifier; give a classifier that can be cloned."
         )
 
 
 def repeatable(classifier: Any) -> Any:
-    """Return a clone whose unset random states are set, so that equal calls give equal results."""
+    """Return a clone in which all unset random states are set, so that results repeat."""
     parameters = clone(classifier).get_params().items()
     unset = [n for n, v in parameters if v is None and n.split("__")[-1] == "random_state"]
     return clone(classifier).set_params(**dict.fromkeys(unset, _SEED))
@@ -57,7 +57,7 @@ def repeatable(classifier: Any) -> Any:
 
 @contextmanager
 def blamed(classifier: Any, task: str) -> Iterator[None]:
-    """Report in one line what a classifier of somebody's raises, or what is wrong with it."""
+    """Turn any exception of a user's classifier into a `DataError` with a message of one line."""
     try:
         yield
     except Exception as fault:  # whatever it raises
@@ -69,7 +69,7 @@ def blamed(classifier: Any, task: str) -> Iterator[None]:
 
 
 def decisions_of(estimator: Any, features: Floats) -> Floats:
-    """Return one number a row, (B,), which rises with the probability of "true"."""
+    """Return a number for each row, (B,), which increases with the probability of "true"."""
     if hasattr(estimator, "decision_function"):
         decisions = np.asarray(estimator.decision_function(features), np.float64)
         if decisions.shape != (len(features),) or not np.isfinite(decisions).all():
@@ -87,21 +87,21 @@ def decisions_of(estimator: Any, features: Floats) -> Floats:
 
 
 def checked_probabilities(probabilities: Any, classes: Any, recordings: int) -> Floats:
-    """Return Pr(true), (B,), of what `predict_proba` returned, after the one check of it.
+    """Check the result of `predict_proba` and return Pr(true), (B,).
 
     Parameters
     ----------
     probabilities : Any
-        (B, classes), in [0, 1]; rows sum to 1 within 1e-3.
+        (B, classes) probabilities; rows must sum to 1 within 1e-3.
     classes : Any
-        The estimator's `classes_`, with 0 and 1.
+        Attribute `classes_` of the estimator, which must contain 0 and 1.
     recordings : int
-        B.
+        Number B of rows.
 
     Raises
     ------
     ValueError
-        What else was found.
+        If the probabilities or the classes are invalid.
     """
     names = list(classes)
     values = np.asarray(probabilities, np.float64)

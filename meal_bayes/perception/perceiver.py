@@ -1,6 +1,6 @@
-"""Perceivers: what an executed behavior shows, by classifiers, scored recordings or draws.
+"""Perceivers: percepts of executed behaviors, from classifiers, percept tables or random draws.
 
-Behaviors that ask are answered by a person, who knows the labels.
+If a behavior asks a person, the simulated person knows the labels.
 """
 
 from collections.abc import Mapping
@@ -58,12 +58,12 @@ class Perceiver(Protocol):
 def answer(
     labels: NDArray[np.int8], accuracy: float, levels: int, rng: np.random.Generator
 ) -> Levels:
-    """Draw a person's answer on N attributes, each right with `accuracy`.
+    """Draw a person's answer about N attributes, each right with probability `accuracy`.
 
-    Yes and no are the two extreme levels. Unknown attributes (label -1) are answered by a fair
-    coin.
+    Yes and no are the two extreme levels. For unknown attributes (label -1), the answer is yes or
+    no with probability 1/2.
     """
-    # Both are drawn always, so that the stream stands at one place whatever is known.
+    # Always draw both, so that the state of the generator does not depend on the labels.
     is_right = rng.random(len(labels)) < accuracy
     coin = rng.random(len(labels)) < 0.5
     yes = np.where(labels < 0, coin, (labels == 1) == is_right)
@@ -79,7 +79,7 @@ def person_says(
     levels: int,
     rng: np.random.Generator,
 ) -> Levels | None:
-    """Draw the answer of a person who knows labels (O,P); None of behaviors that do not ask."""
+    """Draw the answer of a person who knows labels (O,P); None if the behavior does not ask."""
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:
         return None
@@ -89,14 +89,14 @@ def person_says(
 
 @dataclass(frozen=True, slots=True)
 class RecordedPercepts:
-    """Percepts of real recordings, by classifiers that never saw the object.
+    """Percepts of real recordings, by classifiers that were not trained on the object.
 
     Attributes
     ----------
     table : PerceptTable
-        Outputs of the classifiers, and what a person knows who is asked.
+        Outputs of the classifiers, and the labels from which a person answers.
     levels : int
-        K.
+        Number K of levels of a percept.
     """
 
     table: PerceptTable
@@ -109,7 +109,7 @@ class RecordedPercepts:
         Raises
         ------
         SettingsError
-            A recording that was not scored.
+            If the table has no outputs for the recording.
         """
         table = self.table
         domain = self.table.domain
@@ -122,8 +122,8 @@ class RecordedPercepts:
         if np.isnan(log_odds).any():
             missing = np.array(query.attributes)[np.isnan(log_odds)].tolist()
             raise SettingsError(
-                f"No percepts of {missing} by {instance.behavior!r} were computed for object "
-                f"{instance.object_index}; build the table again."
+                f"The percept table has no percepts of {missing} by {instance.behavior!r} for "
+                f"object {instance.object_index}; build the table again."
             )
         return table.levels_of(log_odds, self.levels)
 
@@ -132,16 +132,17 @@ class RecordedPercepts:
 class SampledPercepts(FrozenArrays):
     """Percepts drawn from the confusion matrices themselves.
 
-    The authors' published simulator does so; accuracies obtained from it do not test the model.
+    The authors' published simulator does this. Accuracies that are measured in this way do not test
+    the observation model.
 
     Attributes
     ----------
     domain : Domain
-        Behaviors and attributes.
+        Domain with the behaviors and attributes.
     labels : NDArray[np.int8]
         (O,P) 1 true, 0 false, -1 unknown.
     confusion : NDArray[np.float64]
-        (P,E,2,K) rows = truth, sum to 1.
+        (P,E,2,K) confusion matrices, with a row for each truth that sums to 1.
     """
 
     domain: Domain
@@ -150,7 +151,10 @@ class SampledPercepts(FrozenArrays):
 
     @tiny_is_zero
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
-        """Draw each level from the row of the true value (of a coin if unknown), or an answer."""
+        """Draw each level from the row of the true value, or draw a person's answer.
+
+        If the true value is unknown, it is drawn with probability 1/2.
+        """
         levels = self.confusion.shape[-1]
         said = person_says(self.domain, self.labels, instance, query, levels=levels, rng=rng)
         if said is not None:
@@ -159,17 +163,23 @@ class SampledPercepts(FrozenArrays):
         columns = self.domain.columns(query.attributes)
         labels = self.labels[instance.object_index, columns]
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
-        # Inverse of the rows' cumulative distribution: the level is how many edges lie below.
+        # Invert the cumulative distribution of the rows: the level is the number of lower edges.
         edges = np.cumsum(self.confusion[columns, behavior, truth], axis=-1)[:, :-1]
         return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)
 
 
 @dataclass(frozen=True, slots=True)
 class BehaviorClassifier(FrozenArrays):
-    """Psi(f_a, .): a fitted behavior, the spaces of its modalities, and which attributes are used.
+    """The fitted classifiers Psi(f_a, .) of one behavior.
 
-    The fit is a `KernelFit` or `ClassifierFit`, which scores rows of the spaces. Log-odds are 0 of
-    attributes that are not used, (P,).
+    Attributes
+    ----------
+    spaces : Mapping[str, FeatureSpace]
+        Feature spaces by modality.
+    fit : Any
+        A `KernelFit` or `ClassifierFit`, which scores rows of the spaces.
+    used : Bools
+        (P,) attributes for which the outputs are used; for all others, log-odds are 0.
     """
 
     spaces: Mapping[str, FeatureSpace]
@@ -179,7 +189,7 @@ class BehaviorClassifier(FrozenArrays):
     __repr__ = short_repr
 
     def log_odds(self, features: Mapping[str, NDArray[np.floating]]) -> Floats:
-        """Return log-odds of all attributes, (B,P), of raw features {modality: (B,D)}."""
+        """Return the log-odds of all attributes, (B,P), for raw features {modality: (B,D)}."""
         rows = [
             space.standardize(features[modality]) if modality in features else None
             for modality, space in self.spaces.items()
@@ -189,20 +199,20 @@ class BehaviorClassifier(FrozenArrays):
 
 @dataclass(frozen=True, slots=True)
 class Perception(FrozenArrays):
-    """The fitted Psi of all behaviors; a `Perceiver`.
+    """The fitted classifiers Psi of all behaviors; a `Perceiver`.
 
-    Percepts of a behavior without an instance in the training set are at even odds.
+    Percepts of a behavior without an instance in the training set have even odds.
 
     Attributes
     ----------
     domain : Domain
-        Behaviors and attributes.
+        Domain with the behaviors and attributes.
     classifiers : Mapping[str, BehaviorClassifier]
-        By behavior.
+        Classifiers by behavior.
     labels : NDArray[np.int8]
-        (O,P) from which a person answers; nothing else uses them.
+        (O,P) labels, which only a person's answers use.
     levels : int
-        Number of levels of its percepts, K.
+        Number K of levels of a percept.
     """
 
     domain: Domain
@@ -213,14 +223,14 @@ class Perception(FrozenArrays):
     __repr__ = short_repr
 
     def log_odds(self, instance: Instance, query: Query) -> Floats:
-        """Return log-odds of "true", (N,), of a behavior that senses.
+        """Return the log-odds of "true", (N,), for an instance of a behavior that senses.
 
-        They are those of the behavior's modalities that the instance has; others are ignored.
+        Only the modalities with finite features in the instance are used.
 
         Raises
         ------
         DataError
-            An instance without finite features of any of the behavior's modalities.
+            If no modality of the behavior has finite features.
         """
         classifier = self.classifiers.get(instance.behavior)
         if classifier is None:
@@ -232,8 +242,8 @@ class Perception(FrozenArrays):
         }
         if not features:
             raise DataError(
-                f"An instance of {instance.behavior!r} has finite features of none of "
-                f"{list(classifier.spaces)}; one is enough."
+                f"An instance of {instance.behavior!r} has no finite features; give features of "
+                f"at least one of the modalities {list(classifier.spaces)}."
             )
         columns = self.domain.columns(query.attributes)
         return round_log_odds(classifier.log_odds(features)[0, columns]).astype(np.float64)

@@ -1,17 +1,19 @@
-"""Scores: percepts that are numbers, such as a probability, a logit or a similarity, cut to levels.
+"""Scores of a detector (a probability, a logit or a similarity), and their division into levels.
 
-A score has a scale of its own, and says nothing but that higher speaks more for "true". Levels are
-cut in two ways:
+A score may have any scale; a higher score must mean that "true" is more probable. The edges between
+levels are found in two ways:
 
-- Until there are labels of both truths, by rank: at equal shares of the scores that were seen.
-- Then by labels: a monotone (isotonic) fit of the label on the score, with both truths weighted
-  alike, makes blocks of scores. A block with a of A true and b of B false objects has the log-odds
-  ln((a + 1/2) / (A + 1)) - ln((b + 1/2) / (B + 1)) at its mean score. Between blocks log-odds rise
-  evenly, and levels end at two thirds of where those of a classifier do.
+- Until there are labels of true and of false objects, edges are quantiles of all observed scores.
+- Then an isotonic (monotone) regression of the label on the score, with equal total weights of both
+  truths, divides the scores into blocks. A block with a of A true and b of B false objects has the
+  log-odds ln((a + 1/2) / (A + 1)) - ln((b + 1/2) / (B + 1)) at its mean score. Between blocks,
+  log-odds are interpolated linearly. The edges are at two thirds of the log-odds of a classifier's
+  edges.
 
-One model gives the scores of all attributes of a behavior, on one scale. So ranks are those among
-all of them, and to the labels of an attribute come those of all, with the weight of a few objects.
-Each object has one vote for each attribute, however often it was scored.
+The same detector gives the scores of all attributes of a behavior, on one scale. Therefore
+quantiles are those of all attributes, and the labels of all attributes are used in the fit of each
+one, with the weight of a few objects. An object counts once for each attribute, however often it
+was scored.
 """
 
 import numpy as np
@@ -20,11 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import Bools, Floats, Levels
 from meal_bayes.datasets.percepts import BIN_EDGES, level_edges
 
-_NEARER = 2 / 3  # edges, of a classifier's: few labels make no sure blocks
-_POOLED = 16.0  # objects of each truth that the labels of all attributes count as, at most
-_POINTS = 64  # scores that these are held at
-_REVERSED = 0.2  # area under the ROC curve below which scores fall where the truth is yes,
-_CLEAR = 5  # where there are so many objects of each truth
+_NEARER = 2 / 3  # factor of a classifier's edges, because few labels give no large log-odds
+_POOLED = 16.0  # largest weight of the labels of all attributes, in objects of each truth
+_POINTS = 64  # number of scores that represent these labels
+_REVERSED = 0.2  # area under the ROC curve below which scores are reversed,
+_CLEAR = 5  # if there are at least this many objects of each truth
 
 
 def scored_levels(scores: ArrayLike, edges: ArrayLike) -> Levels:
@@ -40,10 +42,10 @@ def scored_levels(scores: ArrayLike, edges: ArrayLike) -> Levels:
 
 
 def first_levels(scores: ArrayLike, levels: int) -> Levels:
-    """Return the levels (...) of scores (...) before which none was seen; -1 where there is none.
+    """Return the levels (...) of the first scores (...) of a behavior; -1 if a score is missing.
 
-    They are no and yes, as a probability or else a logit would say it, and are shown alone: what
-    was never heard before moves no belief.
+    A score between 0 and 1 is read as a probability and any other score as a logit, and the level
+    is no or yes. Such levels are only displayed; they do not change the belief.
 
     >>> first_levels([0.2, 0.7, 3.0, -3.0], 4).tolist()
     [1, 2, 2, 1]
@@ -54,10 +56,10 @@ def first_levels(scores: ArrayLike, levels: int) -> Levels:
 
 
 def edges_by_rank(scores: ArrayLike, levels: int) -> Floats:
-    """Return edges (K-1,) at equal shares of scores (n,); NaN where there are none.
+    """Return edges (K-1,) at quantiles of scores (n,); NaN if there are no scores.
 
-    A new score has the rank (less + equal / 2 + 1/2) / (n + 1), so that the surest levels are
-    reached by four scores or more.
+    A new score has the rank (less + equal / 2 + 1/2) / (n + 1), so the extreme levels are only
+    possible with four scores or more.
 
     >>> edges_by_rank([0.3], 4).tolist()
     [-inf, 0.3, inf]
@@ -80,15 +82,15 @@ def edges_by_rank(scores: ArrayLike, levels: int) -> Floats:
     ends[2:-1:2] = values
     ends[-1] = np.inf
     share = np.arange(1, levels) / levels * (n + 1)
-    low = share < (n + 1) / 2  # rank 1/4 is no surest level, at either side
+    low = share < (n + 1) / 2  # a rank of exactly 1/4 or 3/4 is not an extreme level
     first = np.where(low, np.searchsorted(ranks, share), np.searchsorted(ranks, share, "right"))
     return np.asarray(ends[first])
 
 
 def edges_by_labels(scores: Floats, objects: Floats, levels: int) -> Floats:
-    """Return edges (K-1,) that a monotone fit of the truth on scores (n,) gives.
+    """Return edges (K-1,) from an isotonic regression of the truth on scores (n,).
 
-    Objects (2,n) are how many false and true ones have each score; there are some of both.
+    `objects` (2,n) is the number of false and true objects with each score; both must occur.
 
     >>> import numpy as np
     >>> true = np.array([0, 0, 1, 0, 1, 1]) * 9
@@ -109,7 +111,7 @@ def edges_by_labels(scores: Floats, objects: Floats, levels: int) -> Floats:
     first = np.flatnonzero(np.diff(fitted, prepend=-1.0) > 0)  # of each block
     blocks = np.log((np.add.reduceat(sums, first, axis=1) + 0.5) / (total + 1.0))
     log_odds = np.sort(blocks[1] - blocks[0])
-    # Blocks stand at their mean scores; between them log-odds rise evenly.
+    # Blocks are placed at their mean scores; between them, log-odds are interpolated linearly.
     centers = np.add.reduceat(both * values, first) / np.add.reduceat(both, first)
     wanted = _NEARER * level_edges(BIN_EDGES, levels)
     return np.asarray(np.interp(wanted, log_odds, centers, left=-np.inf, right=np.inf))
@@ -119,25 +121,25 @@ def cut_scores(
     scores: Floats, labels: NDArray[np.int8], behavior: NDArray[np.intp], objects: NDArray[np.intp],
     *, behaviors: int, levels: int,
 ) -> tuple[Floats, Bools]:  # fmt: skip
-    """Cut the scores of instances to levels.
+    """Find the edges that divide scores into levels.
 
     Parameters
     ----------
     scores : Floats
-        (n,P) NaN where none came.
+        (n,P) scores of instances; NaN if there is none.
     labels : NDArray[np.int8]
         (n,P) 1 true, 0 false, -1 unknown.
     behavior, objects : NDArray[np.intp]
-        (n,) of the instances.
+        (n,) behaviors and objects of the instances.
     behaviors, levels : int
-        E and K.
+        Number E of behaviors and number K of levels.
 
     Returns
     -------
     edges : Floats
-        (P,E,K-1) rising, of each attribute and behavior; NaN where no score was seen.
+        (P,E,K-1) increasing edges for each attribute and behavior; NaN if there is no score.
     reversed : Bools
-        (P,E) whether scores clearly fall where the truth is yes.
+        (P,E) whether false objects clearly have higher scores than true ones.
     """
     edges = np.full((scores.shape[1], behaviors, levels - 1), np.nan)
     falling = np.zeros(edges.shape[:2], np.bool_)
@@ -152,7 +154,7 @@ def cut_scores(
 
 
 def object_means(scores: Floats, objects: NDArray[np.intp]) -> Floats:
-    """Return the mean scores (m,) of each object and attribute, of instances' scores (n,P)."""
+    """Return the mean scores (m,) of each object and attribute, from scores of instances (n,P)."""
     i, p = np.nonzero(~np.isnan(scores))
     _, place, counts = np.unique(
         np.stack([objects[i], p]), axis=1, return_inverse=True, return_counts=True
@@ -177,7 +179,7 @@ class _Scored:
         np.add.at(per_object, self.object, told)
         self.weight = told / np.maximum(per_object[self.object], 1.0)
         self.by_rank = edges_by_rank(object_means(scores, objects), levels)
-        # What all attributes say together, at few scores: (2,m) objects of each truth.
+        # Labels of all attributes together, at a few scores: (2,m) objects of each truth.
         i, p = np.nonzero(told)
         values = scores[i, p]
         shares = np.linspace(0, 1, _POINTS)
@@ -187,7 +189,7 @@ class _Scored:
         np.add.at(self.pooled, (self.truth[i, p], near), self.weight[i, p])
 
     def edges(self, p: int) -> Floats:
-        """Return edges (K-1,) of an attribute by labels, by rank without labels of both truths."""
+        """Return edges (K-1,) of an attribute, by labels of both truths or else by quantiles."""
         total = self.pooled.sum(axis=1, keepdims=True)
         if not total.all():
             return self.by_rank
@@ -199,7 +201,7 @@ class _Scored:
         return edges_by_labels(scores, np.concatenate([own, pooled], axis=1), self.levels)
 
     def falls(self, p: int) -> bool:
-        """Whether false objects clearly have the higher scores."""
+        """Return whether false objects clearly have higher scores than true ones."""
         told = self.truth[:, p] >= 0
         per_object = np.zeros((3, self.object.max() + 1))
         of_object = [np.nan_to_num(self.scores[:, p]), self.truth[:, p], np.ones(len(told))]

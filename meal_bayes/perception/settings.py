@@ -1,4 +1,4 @@
-"""Settings of perception, and the two named ones."""
+"""Settings of the classifiers, with the two named settings "default" and "paper"."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ METHODS = ("stacked", "paper", "classifier")
 
 @dataclass(frozen=True, slots=True)
 class PerceptionSettings:
-    """How a behavior's percept is made from its modalities.
+    """Settings of the classifiers that turn the features of a behavior into percepts.
 
     For ablations, `joint`, `by_object`, `nested`, `balanced`, `nonnegative` and
     `positive_youden_only` can be switched off.
@@ -21,37 +21,42 @@ class PerceptionSettings:
     Attributes
     ----------
     method : str
-        "stacked"; "paper": support vector machines, weighted by Cohen's kappa; "classifier".
+        "stacked" for kernel classifiers that a stacker combines; "paper" for support vector
+        machines, weighted by Cohen's kappa; or "classifier" for a scikit-learn classifier.
     width : float | None
-        "stacked" only: w of the kernels exp(-d^2 / w^2), in median distances; None: learned, one of
-        `kernel_ridge.WIDTHS`.
+        Width w of the kernels exp(-d^2 / w^2), in median distances, for the method "stacked". None
+        learns it as one of `kernel_ridge.WIDTHS`.
     joint : bool
-        "stacked" only: one more kernel, of all modalities at once.
+        Whether the method "stacked" has an additional kernel for all modalities together.
     levels : int
-        K of an observed percept: 2 yes or no, 4 graded.
+        Number K of levels of a percept: 2 for no and yes, 4 for graded percepts.
     exact_objects : int
-        Up to so many objects "stacked" leaves every one out alone; percept tables, pairs of them.
-        Above, it leaves out `folds` groups.
+        Largest number of objects for which the method "stacked" leaves out single objects (pairs of
+        objects, for percept tables). With more objects, it leaves out folds.
     exact_recordings : int
-        Up to so many recordings of a behavior "stacked" compares all with each other.
+        Largest number of recordings of a behavior that the method "stacked" compares with each
+        other.
     landmarks : int
-        Above `exact_recordings`, recordings are compared with so many of them.
+        Number of recordings with which all others are compared, above `exact_recordings`.
     folds : int
-        "paper" and "classifier", and "stacked" above the exact sizes: groups of objects that are
-        left out together, an object never split.
+        Number of groups of objects that are left out together, for the methods "paper" and
+        "classifier", and for "stacked" above the exact sizes. Recordings of an object are always in
+        the same fold.
     by_object : bool
-        Cross-validate over objects; False: over samples, as published.
+        Whether objects are left out in cross-validation; if False, recordings, as in the published
+        code.
     nested : bool
-        Stackers learn from decisions that saw none of the objects left out.
+        Whether stackers learn from decisions by classifiers without any of the left-out objects.
     balanced : bool
-        Both classes weigh the same, so a percept is a likelihood ratio.
+        Whether both classes have the same weight, so that a percept is a likelihood ratio.
     nonnegative : bool
-        A modality may be ignored, never inverted.
+        Whether the slopes of stackers are at least 0, so that the output of a modality may be
+        ignored but not inverted.
     positive_youden_only : bool
-        Percepts of further objects are at even odds where Youden's J <= 0 in training; the counts
-        of training stay as they are.
+        Whether percepts of new objects get even odds if Youden's J <= 0 on the training objects.
+        The counts of the training objects do not change.
     classifier : Any
-        Of the method "classifier" only: a scikit-learn classifier, see `with_classifier`.
+        A scikit-learn classifier, for the method "classifier"; see `with_classifier`.
     """
 
     method: str = "stacked"
@@ -74,14 +79,15 @@ class PerceptionSettings:
         if self.method not in METHODS:
             raise SettingsError(unknown("method", self.method, METHODS))
         if (self.method == "classifier") != (self.classifier is not None):
-            raise SettingsError("A classifier and the method 'classifier' go together; give both.")
+            raise SettingsError("The method 'classifier' needs a classifier, and only this method.")
         if self.classifier is not None:
             from meal_bayes.perception.own_classifier import check_classifier  # noqa: PLC0415
 
             check_classifier(self.classifier)  # scikit-learn takes a second
         if self.width is not None and not (self.width > 0 and self.method == "stacked"):
             raise SettingsError(
-                f"width is {self.width}; give a number above 0 to 'stacked', and None to others."
+                f"width is {self.width}; give a number above 0 with the method 'stacked', and None "
+                "with other methods."
             )
         level_edges(BIN_EDGES, self.levels)  # raises where K does not fit
         least = {"folds": 2, "landmarks": 1, "exact_objects": 0, "exact_recordings": 0}
@@ -90,28 +96,29 @@ class PerceptionSettings:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least {lowest}.")
 
 
-FOLDS_TRAINED_ANEW = 5  # where every fold has classifiers of its own: the paper's, and one's own
+FOLDS_TRAINED_ANEW = 5  # folds of methods that train classifiers for every fold
 DEFAULT = PerceptionSettings()
 PAPER = PerceptionSettings(method="paper", folds=FOLDS_TRAINED_ANEW)
 NAMED = {"default": DEFAULT, "paper": PAPER}
 
 
 def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
-    """Return settings for a classifier of one's own.
+    """Return settings for your own classifier.
 
     Parameters
     ----------
     classifier : Any
-        A scikit-learn classifier, or pipeline that ends in one, with `predict_proba` or
-        `decision_function`. A clone an attribute and behavior learns from the features of all
-        modalities side by side, squashed, standardized and clipped.
+        A scikit-learn classifier, or a pipeline that ends with one, with `predict_proba` or
+        `decision_function`. For each attribute and behavior, a clone learns from the features of
+        all modalities side by side, after the transformation sign(x) log(1 + |x|), standardization
+        and clipping.
     **others : Any
-        Further settings, such as ``levels=4`` or ``folds=10``; 5 folds by default.
+        Further settings, such as ``levels=4`` or ``folds=10``; by default, there are 5 folds.
 
     Raises
     ------
     SettingsError
-        What cannot be cloned, fitted, or asked for a decision.
+        If the classifier cannot be cloned or fitted, or returns no decisions.
     """
     settings = {"folds": FOLDS_TRAINED_ANEW, **others}
     return PerceptionSettings(**settings, method="classifier", classifier=classifier)

@@ -1,8 +1,8 @@
-"""Which percept table a data set has: the one that ships, the user's own, or one computed once.
+"""The percept table of a data set: from the package, from the user, or computed once.
 
-What a data set is, is asked here alone, by `TableSource.of`. The answer is a value: the domain, the
-file that holds the table (or will), and a digest of what the user can change of it. Nothing is
-computed or written before `TableSource.load`.
+Only `TableSource.of` decides where the table of a data set comes from. It returns the domain, the
+file of the table (which may not exist yet), and a digest of everything that the user can change.
+`TableSource.load` computes and writes the table if necessary.
 """
 
 import logging
@@ -41,17 +41,18 @@ class TableSource:
     Attributes
     ----------
     name : str
-        By which `of` finds it again, in another process too: of a shipped domain, or a path.
+        Name with which `of` finds the source again, also in another process: the name of a domain
+        in the package, or a path.
     perception : str
-        The method that made it, or will: "default" or "paper".
+        Method of the classifiers: "default" or "paper".
     fingerprint : str
-        Digest of what the user can change: an own table, or an own domain with its recordings;
-        empty of what ships.
+        Digest of everything that the user can change: an own table, or an own domain with its
+        recordings. It is empty for data in the package.
     domain : Domain
-        Behaviors and attributes.
+        Domain with the behaviors and attributes.
     path : Path
-        The table's file (.npz); of one to compute, in the cache, named by the recordings, the
-        domain, the package's version and the code of its perception.
+        File of the table (.npz). The name of a computed table in the cache depends on the
+        recordings, the domain, the version of the package and the code of its perception.
     """
 
     name: str
@@ -71,23 +72,23 @@ class TableSource:
         *,
         root: str | Path | None = None,
     ) -> "TableSource":
-        """Find out where the table of a data set comes from.
+        """Return the source of the percept table of a data set.
 
         Parameters
         ----------
         data : str | Path | Dataset | PerceptTable
-            A shipped domain, a domain of one's own (the path of a TOML, with the folder of its
-            recordings as `root`), a table (itself, or the path of an .npz), or recordings.
+            Name of a domain in the package; path of your own domain (TOML), with the folder of its
+            recordings as `root`; a percept table or the path of its .npz file; or recordings.
         perception : str
             "default", or "paper" for the method of Sect. 4.2.
         root : str | Path | None
-            Folder of one's own recordings.
+            Folder of your own recordings.
 
         Raises
         ------
         SettingsError
-            A method that is none, a table made by another method, recordings that no folder is
-            given for, or a folder that is not needed.
+            If the method is unknown, the table was made by another method, the folder of the
+            recordings is missing, or a folder is given that is not needed.
         """
         if perception not in NAMED:
             raise SettingsError(unknown("perception", perception, NAMED))
@@ -103,17 +104,17 @@ class TableSource:
 
     @classmethod
     def _of_domain(cls, name: str, perception: str, root: Path | None) -> "TableSource":
-        """Return the source of a shipped domain, or of one's own with its recordings."""
+        """Return the source of a domain in the package, or of a user's domain with recordings."""
         domain = load_domain(name)
         is_own = name.endswith(".toml")
         if root is not None and not is_own:
             raise SettingsError(
                 f"The percepts of {name!r} need no folder of recordings; leave root out, or give "
-                "the path of a domain of your own (TOML)."
+                "the path of your own domain (TOML)."
             )
         public = domain.data in SOURCES
         content = fingerprint(name, root)
-        # What ships needs no recordings; every other table is computed from some.
+        # Tables in the package need no recordings; all others are computed from recordings.
         if root is None and public and perception == "default":
             return cls(name, perception, content, domain, shipped_path(domain))
         if root is None and not public:
@@ -122,7 +123,7 @@ class TableSource:
                 "folder of its CSV files, or a percept table (.npz)."
             )
         path = _computed_path(domain, perception, content)
-        # With recordings of one's own it is found again by its path, which needs no folder.
+        # A table from a user's recordings is found again by its path, which needs no folder.
         found_by = name if root is None else str(path)
         recordings = name if is_own else domain.data
         return cls(found_by, perception, content, domain, path, _recordings=recordings, _root=root)
@@ -139,7 +140,7 @@ class TableSource:
 
     @classmethod
     def _of_table(cls, table: PerceptTable, perception: str) -> "TableSource":
-        """Return the source of a table in memory, which `load` keeps in the cache."""
+        """Return the source of a table in memory, which `load` saves in the cache."""
         _check_method(table, perception, "dataset")
         content = table.digest()
         path = _cached(f"{file_name(table.domain.data)}-given-{content[:12]}.npz")
@@ -147,7 +148,7 @@ class TableSource:
 
     @classmethod
     def _of_recordings(cls, dataset: Dataset, perception: str) -> "TableSource":
-        """Return the source of recordings in memory, of which `load` computes the table."""
+        """Return the source of recordings in memory, from which `load` computes the table."""
         content = dataset.digest()
         path = _computed_path(dataset.domain, perception, content)
         return cls(str(path), perception, content, dataset.domain, path, _recordings=dataset)
@@ -158,17 +159,19 @@ class TableSource:
         on_progress: Callable[[int, int], None] | None = None,
         on_note: Callable[[str], None] | None = None,
     ) -> PerceptTable:
-        """Return the table; where it is computed or given in memory, it is kept in `path`.
+        """Return the table; a table that was computed or given in memory is saved to `path`.
 
         Parameters
         ----------
         on_progress : Callable[[int, int], None] | None
-            Called with behaviors done and in all, while a table is computed.
+            Function that is called with the number of finished behaviors and of all behaviors while
+            a table is computed.
         on_note : Callable[[str], None] | None
-            Called with a line that says that one is; logged by default.
+            Function that is called with a message before a table is computed; by default, the
+            message is logged.
         """
         if self._table is not None:
-            # Other processes of a run read it there.
+            # Other processes of a run read the table from this file.
             if not self.path.is_file():
                 save_percepts(self._table, self.path)
             return self._table
@@ -188,9 +191,10 @@ class TableSource:
 
 
 def fingerprint(dataset: str, root: str | Path | None = None) -> str:
-    """Compute a digest of a table or domain of one's own and its recordings.
+    """Compute a digest of a user's table, or of a user's domain and its recordings.
 
-    A domain counts as it is after all that it extends; nothing of a shipped one, which is code.
+    A domain is resolved with all domains that it extends. Domains in the package are part of the
+    code and not of this digest, which is then empty.
     """
     parts = list[object]()
     dataset = str(path_text(dataset))
@@ -211,12 +215,12 @@ def fingerprint(dataset: str, root: str | Path | None = None) -> str:
 
 @lru_cache(maxsize=4)
 def _read(path: str, content: str) -> PerceptTable:
-    """Read a table once for each content that its file has had."""
+    """Read a table; the cache is invalidated if the content of the file changes."""
     return load_percepts(path)
 
 
 def _check_method(table: PerceptTable, perception: str, name: str) -> None:
-    """Refuse a table that another method made than the one that was asked for by name."""
+    """Raise `SettingsError` if a table was not made by the requested method."""
     if perception == "default":
         return
     method = table.provenance.get("perception", "").split(" ")[0]  # it comes first
@@ -229,8 +233,8 @@ def _check_method(table: PerceptTable, perception: str, name: str) -> None:
 
 
 def _computed_path(domain: Domain, perception: str, content: str) -> Path:
-    """Name the file of a table that is computed from recordings of this content."""
-    # With other code, or another version of the package, the percepts may be others.
+    """Return the file of a table that is computed from recordings with this digest."""
+    # With other code or another version of the package, the percepts may be different.
     code = digest_of(Path(__file__).resolve().parent, Path(percepts.__file__).resolve())[:8]
     parts = [file_name(domain.data), perception, package_version(), code, content[:12]]
     return _cached(f"{'-'.join(filter(None, parts))}.npz")

@@ -79,7 +79,7 @@ def test_recorded_percepts_are_looked_up_by_object_recording_and_behavior(small_
         expected = small_table.levels_of(small_table.log_odds[o, r, 1, [1, 0]], 2 + 2 * levels)
         shown = perceiver.observe(Instance(o, "lift", r), BOTH, rng)
         assert shown.tolist() == expected.tolist()
-    with pytest.raises(SettingsError, match=r"No percepts of \['heavy', 'red'\] by 'reinit'"):
+    with pytest.raises(SettingsError, match=r"has no percepts of \['heavy', 'red'\] by 'reinit'"):
         perceiver.observe(Instance(0, "reinit", 0), BOTH, rng)
 
 

@@ -92,7 +92,7 @@ def test_what_is_no_classifier_is_told(kind):
 
 
 def test_what_is_its_own_copy_cannot_be_held_out():
-    with pytest.raises(SettingsError, match="is its own copy"):
+    with pytest.raises(SettingsError, match="share one trained classifier"):
         with_classifier(Shared())
 
 
