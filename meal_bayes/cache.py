@@ -25,9 +25,12 @@ log = logging.getLogger("meal_bayes.cache")
 _WARNED = "MEAL_BAYES_CACHE_WARNED"  # set with the warning, so that workers do not repeat it
 
 
-def cache_root() -> Path:
-    """Return the folder of all compiled code, which need not be there."""
-    return user_cache_path("meal_bayes", appauthor=False).expanduser()
+def cache_root() -> Path | None:
+    """Return the folder of all compiled code, which need not be there; None without a home."""
+    try:
+        return user_cache_path("meal_bayes", appauthor=False).expanduser()
+    except RuntimeError:
+        return None
 
 
 @functools.cache
@@ -37,17 +40,20 @@ def private_folder(name: str) -> Path | None:
     The folder is `meal_bayes/NAME` in the system's cache folder (on Linux `$XDG_CACHE_HOME` or
     `~/.cache`). Why there is none is logged as a warning, once for a program and its workers.
     """
-    folder = cache_root() / name
+    root = cache_root()
+    folder = None if root is None else root / name
     try:
+        if folder is None:
+            raise OSError("this user has no home folder")  # noqa: TRY301
         _prepare(folder)
-    except (OSError, RuntimeError) as fault:  # no home folder is a RuntimeError
-        why = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
+    except OSError as fault:
+        why = fault.strerror or fault
         if _WARNED not in os.environ:
             os.environ[_WARNED] = "1"
             log.warning(
-                "no cache of compiled code: %s: %s; compiling anew each time (set XDG_CACHE_HOME "
+                "no cache of compiled code: %s%s; compiling anew each time (set XDG_CACHE_HOME "
                 "to a folder of your own)",
-                folder,
+                "" if folder is None else f"{folder}: ",
                 why,
             )
         return None

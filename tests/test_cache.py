@@ -66,6 +66,20 @@ def test_a_link_of_the_user_s_own_to_another_disk_is_followed(home, tmp_path):
     assert cache.private_folder("numba") == home / "meal_bayes" / "numba"
 
 
+def test_a_user_without_a_home_has_no_cache_and_one_warning(home, caplog, monkeypatch):
+    """As of a number without an account, in a container, where nothing names a home."""
+
+    def nowhere(*_, **__):
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.setattr(cache, "user_cache_path", nowhere)
+    assert cache.cache_root() is None
+    assert cache.private_folder("numba") is None
+    (record,) = caplog.records
+    assert "this user has no home folder" in record.getMessage()
+    assert cache.compile_kernel(add_one)(1) == 2
+
+
 def add_one(x):
     return x + 1
 

@@ -10,9 +10,11 @@ import meal_bayes
 from meal_bayes.cache import cache_root
 from meal_bayes.cli.console import output, print_facts, print_json
 from meal_bayes.cli.options import shared
+from meal_bayes.errors import MealBayesError
 
 _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "pymc", "arviz", "joblib", "mcap",
               "rerun-sdk", "matplotlib", "pandas", "dask", "mujoco", "gymnasium")  # fmt: skip
+_HOMELESS = "none, as this user has no home folder; set XDG_CACHE_HOME"
 
 
 @click.command(short_help="Print versions and settings, for a bug report.")
@@ -30,9 +32,12 @@ def doctor(as_json: bool) -> None:
         "system": f"Python {platform.python_version()}, {platform.platform()}, "
         f"{os.cpu_count()} cores",
         "versions": ", ".join(f"{name} {_version(name)}" for name in _LIBRARIES),
-        "cache": str(cache_root()),
-        "data": str(cache_folder()),
+        "cache": str(cache_root() or _HOMELESS),
     }
+    try:
+        facts["data"] = str(cache_folder())
+    except (RuntimeError, MealBayesError):
+        facts["data"] = _HOMELESS
     try:
         facts["viewer"] = str(viewer_program())
     except Exception as fault:  # a broken viewer must not hide the rest
