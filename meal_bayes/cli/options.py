@@ -4,6 +4,8 @@ import hashlib
 import importlib
 import json
 import sys
+import sysconfig
+import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -161,7 +163,25 @@ def named_value(name: str) -> Any:
             f"The module of {name!r} cannot be imported ({fault}); run the command in the folder "
             "of the module, or add this folder to PYTHONPATH."
         ) from fault
-    if not hasattr(loaded, attribute):
+    except (Exception, SystemExit) as fault:  # whatever the module executes
+        raise SettingsError(f"The module of {name!r} raised {_raised(fault)}.") from fault
+    try:
+        return getattr(loaded, attribute)
+    except AttributeError:
         public = [member for member in dir(loaded) if not member.startswith("_")]
-        raise SettingsError(unknown(f"name in {module}", attribute, public))
-    return getattr(loaded, attribute)
+        raise SettingsError(unknown(f"name in {module}", attribute, public)) from None
+    except Exception as fault:  # of its own `__getattr__`
+        raise SettingsError(f"{name!r} raised {_raised(fault)}.") from fault
+
+
+def _raised(fault: BaseException) -> str:
+    """Return an exception of a user's module in words, with the last line in the user's files."""
+    text = f"{type(fault).__name__}: {fault}".removesuffix(": ")
+    libraries = tuple({*sysconfig.get_paths().values(), str(Path(__file__).parents[1]), "<"})
+    places = [
+        f"{place.filename}, line {place.lineno}"
+        for place in traceback.extract_tb(fault.__traceback__)
+        if not place.filename.startswith(libraries)
+    ]
+    where = f" ({places[-1]})" if places else ""
+    return f"{text}{where}; import it in Python to see the whole traceback"

@@ -117,9 +117,15 @@ class _Notes(logging.Handler):
         note(kind + " ".join(record.getMessage().split()))
 
 
+def _warning_line(message: Warning | str, *_: object, **__: object) -> str:
+    """Return a warning of Python as one line, without the place in the code that warns."""
+    return f"warning: {printable(' '.join(str(message).split()))}\n"
+
+
 def _show_notes() -> None:
     # Names are data: in figures, what the font does not have is drawn as a box.
     warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+    warnings.formatwarning = _warning_line
     log = logging.getLogger("meal_bayes")
     if not any(isinstance(handler, _Notes) for handler in log.handlers):
         notes = _Notes()

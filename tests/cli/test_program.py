@@ -209,3 +209,57 @@ def test_the_shell_completes_commands_and_options():
             check=True,
         )
         assert done.stdout.split() == [f"plain,{expected}"]
+
+
+MODULES = {  # what a module of the user's executes, and how the fault is told
+    "1 / 0": "ZeroDivisionError: division by zero (",
+    "raise SystemExit(7)": "SystemExit: 7 (",
+    "raise KeyError('x')": "KeyError: 'x' (",
+    "raise ValueError": "raised ValueError (",
+    "raise RuntimeError('a\\n  b\\x1b[2J')": "RuntimeError: a b",
+    "def (": "SyntaxError: invalid syntax (faulty_module.py, line 1)",
+    "import json\njson.loads('{')": "faulty_module.py, line 2)",
+    "def __getattr__(name):\n    raise OSError(name)": "OSError: value (",
+    "x = 1": "Unknown name in faulty_module 'value'",
+}
+
+
+@pytest.mark.parametrize("code", MODULES)
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*ASK[:-1], "{}"),
+        ("run", "offline", "--agent", "{}"),
+        ("run", "online", "--agent", "{}"),
+        ("find", "heavy", "--objects", "a", "--agent", "{}"),
+        ("data", "percepts", "--dataset", "roc36", "--classifier", "{}"),
+        ("data", "import", "bag", "--domain", "toy", "--markers", "/m", "--out", "o", "--feature",
+         "f={}"),
+    ],
+    ids=lambda words: " ".join(words[:2]),
+)  # fmt: skip
+def test_a_module_that_raises_is_one_line(words, code, fails, tmp_path, monkeypatch):
+    (tmp_path / "faulty_module.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "faulty_module", raising=False)
+    told = fails(*(word.format("faulty_module:value") for word in words))
+    assert MODULES[code] in told
+    assert told.count("\n") == 1
+
+
+def test_a_warning_of_the_package_is_one_line(kitchen):
+    """The place in the package's code that warns tells a user of the command line nothing."""
+    look = kitchen / "look_color.csv"
+    whole = look.read_text()
+    (kitchen / "look_depth.csv").write_text(whole)
+    head, first, *rest = whole.splitlines()
+    name, number, *cells = first.split(",")
+    look.write_text("\n".join([head, ",".join([name, number, *("" for _ in cells)]), *rest]))
+    domain = kitchen / "kitchen.toml"
+    domain.write_text(domain.read_text().replace('["color"]', '["color", "depth"]'))
+    done = subprocess.run(
+        [sys.executable, "-m", "meal_bayes", "data", "list", domain.name, "--root", "."],
+        cwd=kitchen, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stderr.startswith("warning: Recordings of look are left out, as color is missing")
+    assert done.stderr.count("\n") == 1
