@@ -6,7 +6,7 @@ held. What is wrong with a bag is one line, and the others go on.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +19,7 @@ from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, OutputError, SettingsError
 from meal_bayes.features import Function, Recorder, Signal, check_sources
 from meal_bayes.files import checked_path, keep_folder
-from meal_bayes.look import BLUE, drawn_in_style, name_axes
+from meal_bayes.look import BLUE, drawn_in_style, listed, name_axes, warn_user
 from meal_bayes.untrusted import name_fault
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def read_bags(
     check_sources(domain, [domain.behaviors[place].name for place in domain.recorded], functions)
     types = get_typestore(Stores.LATEST)  # older bags of ROS 2 hold no definitions
     paths = find_bags(bags)
-    names = {name: path.name for path in paths for name in (path.name, path.stem)}
+    names = _bag_names(paths)
     rows = [] if executions is None else _listed(executions, domain, names, others=keep > 0)
     report = BagReport()
     channels: dict[tuple[str, str], tuple[str, ...]] = {}
@@ -166,8 +166,16 @@ def read_bags(
     return report
 
 
+def _bag_names(paths: Iterable[Path]) -> dict[str, str | None]:
+    """Return which bag each name means, with or without an ending; None where it means several."""
+    names: dict[str, str | None] = {}
+    for path in paths:
+        names[path.stem] = None if path.stem in names else path.name
+    return names | {path.name: path.name for path in paths}
+
+
 def _listed(
-    path: str | Path, domain: Domain, bags: Mapping[str, str], *, others: bool
+    path: str | Path, domain: Domain, bags: Mapping[str, str | None], *, others: bool
 ) -> list[Execution]:
     """Read a file of executions; of bags that are not given there may be `others`."""
     (where, header), *rows = read_rows(checked_path("The executions", path))
@@ -177,17 +185,31 @@ def _listed(
     for where, cells in rows:
         try:
             bag, name, behavior, *times = cells
-            start, end = (int(Decimal(time) * _NS) for time in times)
+            start, end = (_nanoseconds(time) for time in times)
             if not 0 <= start < end < _NEVER:
                 raise DataError(f"from {times[0]!r} to {times[1]!r} s")  # noqa: TRY301
-            if bag in bags:
-                found.append(_execution(domain, bags[bag], name, behavior, start, end))
+            if named := bags.get(bag):
+                found.append(_execution(domain, named, name, behavior, start, end))
+            elif bag in bags:
+                raise DataError(f"two bags are called {bag!r}: give the ending")  # noqa: TRY301
             elif not others:
                 raise DataError(unknown("bag", bag, bags))  # noqa: TRY301
-        except (DataError, ValueError, OverflowError, InvalidOperation) as fault:
+        except (DataError, ValueError) as fault:
             text = f"{fault}; expected {','.join(_COLUMNS)}, with start < end (s)."
             raise DataError(f"{where}: {text}") from None
     return found
+
+
+def _nanoseconds(text: str) -> int:
+    """Read seconds, in ASCII digits; a `DataError` where a time is none, or beyond all bags."""
+    try:
+        seconds = Decimal(text) if text.isascii() and "_" not in text else Decimal("nan")
+        # Before it is whole: the digits of 1e999999 would fill the memory.
+        if seconds.adjusted() < len(str(_NEVER)):
+            return int(seconds * _NS)
+    except (ValueError, ArithmeticError):  # of `Decimal`: NaN, infinity, other texts
+        pass
+    raise DataError(f"the time {text!r:.40}")
 
 
 def _execution(
@@ -307,6 +329,13 @@ def save_recordings(
     if labels is not None:
         objects, values = read_labels(checked_path("The labels", labels), domain)
         known = dict(zip(objects, values, strict=True))
+        strangers = [name for name in objects if name not in names]
+        if strangers and not known.keys() >= {*names}:
+            warn_user(
+                f"{labels} labels {listed(strangers)}, of which the bags have no execution, and "
+                f"has no labels of {listed([name for name in names if name not in known])}; is a "
+                "name written in two ways?"
+            )
     features: dict[tuple[str, str], dict[str, list[NDArray[np.float32]]]] = {}
     for behavior, modality in domain.contexts:
         executed = [one for one in report.executions if one.behavior == behavior]

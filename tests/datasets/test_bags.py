@@ -1,5 +1,6 @@
 """Bags of three formats become the same recordings; damage is one line for each bag."""
 
+import itertools
 import runpy
 import shutil
 import sys
@@ -90,6 +91,43 @@ def test_a_csv_of_executions_gives_what_markers_give(tmp_path):
         (tmp_path / "runs.csv").write_text(f"{rows[0]}\n{wrong}")
         with pytest.raises(DataError, match="line 2"):
             read(bag, markers=None, executions=runs)
+
+
+@pytest.mark.parametrize("ways", [*itertools.permutations(WAYS)])
+def test_a_name_that_means_two_bags_is_refused(ways, tmp_path):
+    """The same name, with other endings, must not lead to another bag without a word."""
+    bags = {way: write(tmp_path / way, seed, rounds=1) for seed, way in enumerate(ways)}
+    runs = tmp_path / "runs.csv"
+    for way in ways:
+        runs.write_text(f"bag,object,behavior,start,end\n{way},cup,look,0,0.3\n")
+        (one,) = read(*bags.values(), markers=None, executions=runs).executions
+        assert one.bag == way  # "cup" is the whole name of one
+    both = [bags["cup.bag"], bags["cup.mcap"]]
+    runs.write_text("bag,object,behavior,start,end\ncup,cup,look,0,0.3\n")
+    with pytest.raises(DataError, match=r"line 2: two bags are called 'cup': give the ending"):
+        read(*both, markers=None, executions=runs)
+
+
+TIMES = ("1e999999", "1e99999999", "-1e99999999", "nan", "inf", "-inf", "sNaN", "1_0", "\u0663", "")
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_a_time_that_is_none_is_one_line(time, tmp_path):
+    bag = write(tmp_path / "cup.mcap", rounds=1)
+    for times in (f"{time},2", f"0,{time}"):
+        (tmp_path / "runs.csv").write_text(f"bag,object,behavior,start,end\ncup,cup,look,{times}\n")
+        with pytest.raises(DataError, match="line 2"):
+            read(bag, markers=None, executions=tmp_path / "runs.csv")
+
+
+def test_a_name_that_labels_and_bags_write_in_two_ways_is_told(tmp_path):
+    report = read(write(tmp_path / "cup.mcap", rounds=1))
+    labels = tmp_path / "labels.csv"
+    labels.write_text("object,heavy,full,red\nCup,1,0,1\n")
+    with pytest.warns(UserWarning, match="labels Cup, .*has no labels of cup; is a name written"):
+        save_recordings(LAB, report, tmp_path / "a", labels)
+    labels.write_text("object,heavy,full,red\ncup,1,0,1\nmug,1,0,1\n")  # of other bags
+    save_recordings(LAB, report, tmp_path / "b", labels)
 
 
 def damage(bag, rng):
