@@ -38,6 +38,8 @@ if sys.platform != "win32":
 
 log = logging.getLogger("meal_bayes.files")
 LOGS = "logs"  # folder of the logs of trials and runs, by default
+# Endings of a name that `trial_log` reads as a part of its own.
+_RESERVED = re.compile(r"\.(feedback|recovered|timing|active|w\d+(-[0-9a-f]{6})?)$")
 _LOG_MAGIC = b"\x89MCAP0\r\n"
 LEARNER = "learner.json"  # member of the file of a learner, which tells it from other archives
 
@@ -134,13 +136,19 @@ def lasting_path(what: str, value: object) -> Path:
 def file_name(text: str, longest: int = 60) -> str:
     """Return any text as a name of a file, in no other folder; other texts have other names.
 
+    The name neither begins with a dot, as readers of a folder pass over hidden files, nor ends as
+    only drafts, recovered logs and logs of feedback do.
+
     >>> file_name("bayes")
     'bayes'
     >>> file_name("../a blue cup"), file_name("../a_blue_cup")
-    ('.._a_blue_cup-8e83c849', '.._a_blue_cup-ba66d6d8')
+    ('__a_blue_cup-8e83c849', '__a_blue_cup-ba66d6d8')
+    >>> file_name(".bayes"), file_name("cup.feedback")
+    ('_bayes-b5af724b', 'cup.feedback-13b0a887')
     """
-    name = re.sub(r"[^\w.-]+|^\.*$", "_", text)
-    if name != text or len(name.encode()) > longest:  # bytes, of which file systems count 255
+    name = re.sub(r"[^\w.-]+|^\.+|^$", "_", text)
+    reserved = _RESERVED.search(name) is not None
+    if name != text or reserved or len(name.encode()) > longest:  # file systems count bytes
         digest = hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:8]
         name = f"{name.encode()[: longest - 9].decode(errors='ignore')}-{digest}"
     return name

@@ -10,16 +10,17 @@ import sys
 import tracemalloc
 import zipfile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from meal_bayes.cli.console import printable
 from meal_bayes.datasets import load_dataset, load_percepts
 from meal_bayes.datasets.csv_files import read_text
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import DataError, MealBayesError, OutputError
+from meal_bayes.errors import DataError, LogError, MealBayesError, OutputError
 from meal_bayes.files import (
     check_folder,
     check_output,
@@ -38,6 +39,8 @@ from meal_bayes.trial_log import (
     read_trials,
     recover_log,
 )
+from meal_bayes.trial_log.file import find_log, new_draft, stem_of
+from meal_bayes.trial_log.folder import dated_name, log_files
 from meal_bayes.untrusted import DEPTH_LIMIT, JSON_LIMIT, read_bytes, read_json
 
 
@@ -348,6 +351,44 @@ def test_two_texts_are_never_one_file(texts):
     for name in names:
         assert (Path("logs") / name).resolve().parent == Path("logs").resolve()
         assert len(name.encode()) <= 60
+
+
+ENDINGS = (".feedback", ".recovered", ".mcap", ".active", ".timing", ".w4", "-a3f9c2")
+PARTS = [".", "..", "cup", "._", "/", "~", "-", " ", *ENDINGS]
+
+
+@given(st.lists(st.sampled_from(PARTS), max_size=5).map("".join))
+@example(".mine")  # a hidden file, which readers of a folder pass over
+@example("cup.feedback")
+@example("cup.w4")
+def test_a_log_of_any_name_is_found_in_its_folder(text):
+    entries = (file_name(text), f"1-{file_name(text)}", dated_name(text))
+    with TemporaryDirectory() as folder:
+        logs = [Path(folder, *names) for names in (
+            (f"{entries[0]}.mcap",), (f"{entries[1]}.mcap",), (f"{entries[2]}.mcap",),
+            (entries[0], "1.mcap"),
+        )]  # fmt: skip
+        for log in logs:
+            with TrialWriter(log, {}):
+                draft = new_draft(log)
+        assert set(log_files(folder)) == set(logs)
+        assert {stem_of(log) for log in logs} == {log.stem for log in logs}
+        assert stem_of(draft) == logs[-1].stem
+
+
+@pytest.mark.parametrize("name", [".mcap", "..mcap", "..x", "..", ".active", ".mcap.active"])
+def test_a_file_of_an_odd_name_hinders_no_other(name, tmp_path):
+    with TrialWriter(tmp_path / "run.mcap", {}):
+        pass
+    data = (tmp_path / "run.mcap").read_bytes()
+    if name != "..":
+        (tmp_path / name).write_bytes(data)
+    assert log_files(tmp_path) == [tmp_path / "run.mcap"]
+    with pytest.raises(LogError, match="There is no log"):
+        find_log(tmp_path / "other.mcap")
+    for other in ("..y", ".y"):  # of the stems "." and ".y"
+        with contextlib.suppress(LogError):
+            assert find_log(tmp_path / other) == tmp_path / name
 
 
 SIGNS = st.characters(codec="utf-8", exclude_characters="\0") | st.sampled_from(

@@ -209,7 +209,7 @@ def find_log(path: str | Path) -> Path:
     if path.is_dir():
         raise LogError(f"{path} is a folder and not a log; name one of its files.")
     stem = stem_of(path) if path.name.endswith(ACTIVE) else path.stem
-    found = wholest(path.parent.glob(f"*{SUFFIX}*")).get(path.with_name(stem))
+    found = wholest(path.parent.glob(f"*{SUFFIX}*")).get(path.parent / stem)
     if found is None:
         raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
     return found
@@ -222,7 +222,7 @@ def wholest(files: Iterable[Path]) -> dict[Path, Path]:
         if file.name.endswith((SUFFIX, SUFFIX + ACTIVE)) and file.is_file():
             with contextlib.suppress(FileNotFoundError):  # a draft that was renamed meanwhile
                 candidate = (_wholeness(file), file.stat().st_size, file)
-                log = file.with_name(stem_of(file))
+                log = file.parent / stem_of(file)  # also of a hidden file, such as `.mcap`
                 best[log] = max(best.get(log, candidate), candidate)
     return {log: file for log, (_, _, file) in best.items()}
 
