@@ -618,11 +618,15 @@ def _number(parts: tuple[float, float | None]) -> str:
 
 
 def _worths(trial: TrialRecord) -> list[tuple[float, float | None]]:
-    """Return what going on is worth at each step; nan where the agent compares nothing."""
+    """Return what going on is worth at each step; nan where the agent compares nothing.
+
+    An infinite value, which a planner of the user's may give, has no place on the axis either.
+    """
     worths = []
     for step in trial.steps:
         this, later = step.decision.going_on()[:2]
-        worths.append((this, later if step.decision.explores else None))
+        finite = np.isfinite(this + later)
+        worths.append((this if finite else np.nan, later if step.decision.explores else None))
     return worths
 
 

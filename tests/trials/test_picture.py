@@ -110,6 +110,25 @@ def test_what_failed_is_hatched_and_a_rule_compares_nothing(sample):
     assert "this agent follows a rule and compares nothing" in texts(plots.trial_picture(trial))
 
 
+@pytest.mark.parametrize("bonus", [False, True])
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e300, -1e300])
+@pytest.mark.parametrize("every", [False, True])
+def test_values_of_a_planner_that_no_axis_holds_are_left_out(value, every, bonus, sample):
+    """A planner of the user's may return infinite values, as of what is not legal."""
+    steps = list(sample.steps)
+    for number in range(len(steps) if every else 1):
+        decision = steps[number].decision
+        values = np.full(len(decision.values), value)
+        values[-1] = 1.0
+        paid = np.where(np.arange(len(values)) == 0, value, 0.0) if bonus else None
+        with np.errstate(invalid="ignore"):
+            steps[number] = replace(
+                steps[number], decision=replace(decision, values=values, bonus=paid)
+            )
+    with np.errstate(invalid="ignore"):
+        assert "nan" not in "".join(texts(replace(sample, steps=tuple(steps)).plot())).lower()
+
+
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("agent", ["random", "random_legal", "greedy", "olfc", "predefined_plus"])
 @pytest.mark.parametrize("question", ["red", "red, plastic, full, soft, container, glass, metal"])
