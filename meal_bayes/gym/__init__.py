@@ -1,8 +1,8 @@
 """Gymnasium environments on real recordings, to train and compare policies.
 
 Importing this module registers `meal_bayes/ROC36-v0`, `meal_bayes/ISPY32-v0`,
-`meal_bayes/CY101-v0`, and `meal_bayes/Own-v0` with ``dataset=`` your own percept table. Needs the
-extra ``gym``.
+`meal_bayes/CY101-v0`, and `meal_bayes/Own-v0`, which takes your own percept table as ``dataset=``.
+The module needs the extra ``gym``.
 
 >>> import gymnasium
 >>> env = gymnasium.make("meal_bayes.gym:meal_bayes/ROC36-v0", attributes=2)  # doctest: +SKIP
@@ -53,48 +53,50 @@ for _name, _settings in ENVIRONMENTS.items():
 
 
 class MealEnv(gymnasium.Env[Observation, np.int64]):
-    """Choose behaviors, perceive, and report; an episode is a trial of ``run offline``.
+    """Environment in which an episode is a trial of ``meal-bayes run offline``.
 
-    Actions are the E behaviors, the 2^N reports, and, of agents that may abstain, "I do not know":
-    E + y reports the values whose bits are y, the first asked attribute the most significant. The
-    reward is the true one: minus a behavior's seconds, plus or minus r for a report, 0 for not
-    knowing. A behavior that is not legal (see ``info["action_mask"]``) is not executed: the
-    reward falls by its seconds, and nothing else changes. Percepts are outputs of held-out
-    classifiers on real recordings, none used twice.
+    Actions 0 to E - 1 are the behaviors, and the next 2^N actions are the reports. Action E + y
+    reports the values that are the bits of y; the most significant bit is the value of the first
+    queried attribute. If the agent may abstain, the last action is "I do not know". The reward of a
+    behavior is minus its cost in seconds, that of a right report is r, that of a wrong report -r,
+    and that of "I do not know" 0. A behavior that is not legal (see ``info["action_mask"]``) is not
+    executed: its cost is subtracted from the reward, and nothing else changes. Percepts are outputs
+    of held-out classifiers on real recordings; a trial uses each recording at most once.
 
-    Observations are a dictionary:
+    An observation is a dictionary:
 
-    * ``state``: x, of X; the last is ``term``.
-    * ``asked``: (N,) positions of the asked attributes in the domain.
-    * ``percepts``: (N,E,K) how often each behavior has shown each level of each attribute.
-    * ``belief``: (N,) Pr(attribute is true), by the agent's filter, learned without the object.
-    * ``cost``: (1,) s so far.
+    * ``state``: index of the observed state; the last of the X states is ``term``.
+    * ``asked``: (N,) positions of the queried attributes in the domain.
+    * ``percepts``: (N,E,K) number of percepts so far, by attribute, behavior and level.
+    * ``belief``: (N,) Pr(attribute is true) by the agent's belief update; the agent has learned
+      from other objects only.
+    * ``cost``: (1,) cost so far, s.
 
     Parameters
     ----------
     dataset : str | Path | PerceptTable
         A shipped data set, or the path of a percept table (.npz).
     agent : object
-        Agent whose belief is observed and which decides in `decide`; see `as_agent`.
+        Agent whose belief is observed, and whose choices `decide` returns; see `as_agent`.
     seed : int
-        Seed of the task list, and of trials of tasks chosen by number.
+        Seed of the list of tasks, and of trials whose task is chosen by its number.
     attributes, trials : int
         Number N of attributes in a question, and number of tasks in the list, about all objects.
     answer : str
-        "values"; "yes or no", whether all of the attributes hold; or "balanced", see
-        `OfflineConfig`. Then there are two reports, no (E) and yes (E + 1).
+        Kind of question: "values", "yes or no" or "balanced"; see `OfflineConfig`. For the last two
+        kinds there are two reports, no (action E) and yes (action E + 1).
     objects : str | Collection[str]
-        Objects of the tasks: "all", "train" or "test" (a quarter, the same for every seed), or
-        names. Percepts of an object never come from classifiers that learned from it.
+        Objects of the tasks: "all", "train" (three quarters), "test" (the other quarter), or names.
+        The quarters are the same for every seed.
     scale : float
         Factor of all rewards.
     max_steps : int
-        Behaviors after which an episode is truncated.
+        Number of behaviors after which an episode is truncated.
     logs : str | Path | None
-        Folder of logs; None logs nothing. Each environment writes its episodes into one file, such
-        as logs/gym-roc36-n2/20260131-142507-381904-test-a3f9c2.mcap. The file is opened at the end
-        of the first episode with a step; `close`, or the end of the program, completes it. Its
-        trials name the agent where `decide` chose all actions, and "external" otherwise.
+        Folder of logs; None turns logging off. Each environment writes its episodes into one file,
+        such as logs/gym-roc36-n2/20260131-142507-381904-test-a3f9c2.mcap. The file is opened at the
+        end of the first episode with a step; `close`, or the end of the program, completes it. The
+        logged trials name the agent if `decide` chose all actions, and "external" otherwise.
 
     Examples
     --------
@@ -203,8 +205,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode, and return observation and info.
 
-        ``options={"task": i}`` chooses task i of the list with the random draws of ``run offline``;
-        by default both are new, by the seed of this or of an earlier call.
+        With ``options={"task": i}``, the episode is task i of the list, with the random draws of
+        ``meal-bayes run offline``. By default, the task and the draws are random, and depend on the
+        seed of this or of an earlier call.
         """
         super().reset(seed=seed)
         given_options: Any = {} if options is None else options  # users give anything
@@ -239,7 +242,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return self._seen()
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Execute a behavior or report; return observation, reward, terminated, truncated, info."""
+        """Execute an action; return observation, reward, terminated, truncated and info."""
         running, robot = self._running
         if running.over:
             raise SettingsError("The episode is over; call reset() first.")
@@ -278,9 +281,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return self._decided
 
     def close(self) -> None:
-        """End the episode, logged as far as it went, and complete the log.
+        """End the episode, log its steps so far, and complete the log file.
 
-        Episodes after that are written into another file.
+        Later episodes are written into another file.
         """
         self._log.close()
 

@@ -408,10 +408,10 @@ def of_learner(header: Mapping[str, object]) -> bool:
 
 
 def going_on_text(log: Path) -> str:
-    """Say how a trial goes on that a learner has not ended."""
+    """Return a message that says how to continue a learner's unfinished trial."""
     return (
-        f"{log}: the trial is not over; where its process died, Learner.resume({str(log)!r}) goes "
-        "on with it"
+        f"{log}: the trial is not over; if its process has died, Learner.resume({str(log)!r}) "
+        "continues it"
     )
 
 

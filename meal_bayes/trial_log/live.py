@@ -181,7 +181,7 @@ def _furthest(file: Path) -> Interrupted:
 
 
 def _ended_last(folder: Path) -> str:
-    """Say of the latest log of a folder that it was ended by a fault, and goes on by name."""
+    """Return a message about the latest log of a folder if an error ended its trial."""
     logs = [log for log in folder.rglob(f"*{SUFFIX}") if not named_form(log)]
     for latest in sorted(logs, key=lambda log: log.stat().st_mtime)[-1:]:
         with contextlib.suppress(LogError):
@@ -189,7 +189,7 @@ def _ended_last(folder: Path) -> str:
             broken.release()
             return (
                 f" The latest, {broken}, was ended ({broken.trial.ended}): "
-                f"resume({str(latest)!r}) goes on with it."
+                f"resume({str(latest)!r}) continues it."
             )
     return ""
 

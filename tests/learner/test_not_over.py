@@ -139,8 +139,8 @@ def test_a_trial_that_is_not_over_is_shown_as_far_as_it_went(dataset, make, tmp_
     result = CliRunner().invoke(main, list(map(str, DOORS[door](folder))))
     assert result.exit_code == 0, result.output
     (draft,) = folder.rglob(f"*{ACTIVE}")
-    assert f"Learner.resume({str(draft)!r}) goes on with it" in result.output.replace("\n", "")
+    assert f"Learner.resume({str(draft)!r}) continues it" in result.output.replace("\n", "")
     (group,) = Logs(folder).begun()
     assert [len(trial.steps) for trial in group.trials] == [steps]
-    with pytest.raises(LogCorruptError, match="goes on with it"):
+    with pytest.raises(LogCorruptError, match="continues it"):
         list(Logs(folder).trials())  # of which none has its outcome
