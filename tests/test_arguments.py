@@ -63,7 +63,7 @@ def test_a_table_is_written_by_a_name_that_reads_it_again(tmp_path):
     with pytest.raises(SettingsError, match=r"give a name that ends in \.npz"):
         mb.save_percepts(mb.load_percepts("roc36"), tmp_path / "table")
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(SettingsError, match=r"percept table it ends in \.npz"):
+    with pytest.raises(SettingsError, match=r"percept table in \.npz"):
         mb.load_percepts("table")
 
 

@@ -61,8 +61,8 @@ class Payoffs(NamedTuple):
             raise QueryError(f"{payoffs}: a wrong answer must not earn more than the right one.")
         if payoffs.right_yes == payoffs.wrong_no and payoffs.right_no == payoffs.wrong_yes:
             raise QueryError(
-                f"{payoffs}: what is true makes no difference to what an answer earns; let a right "
-                "one earn more than a wrong one."
+                f"{payoffs}: the rewards do not depend on whether an answer is right; give a right "
+                "answer a higher reward than a wrong one."
             )
         return payoffs
 

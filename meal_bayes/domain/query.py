@@ -108,8 +108,8 @@ class Query:
             self.event.check(self.attributes, self.variables)
         if self.payoffs is not None and not self.yes_or_no:
             raise QueryError(
-                f"Payoffs of yes and no do not fit a question about {len(self)} attributes; ask a "
-                "question of yes or no, or about one attribute."
+                f"Payoffs do not apply to a question about {len(self)} attributes; ask a yes-or-no "
+                "question, or a question about one attribute."
             )
 
     def _alternatives(self, indices: Iterable[int]) -> str:

@@ -242,9 +242,9 @@ def _asked(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list
             contracts_not(word) or (is_sign(word) and word not in vocabulary)
         ):
             raise QueryError(
-                f'The question says {word!r}; ask the plain attributes (with "and" or commas), and '
-                "the report will say which of them hold. A question to be answered by yes or no "
-                'may say so (answer="yes or no"; --yes-no).'
+                f'The question contains {word!r}. List the attributes, with "and" or commas, to '
+                "get the value of each; or ask a yes-or-no question, with "
+                'answer="yes or no" or the option --yes-no.'
             )
     asked = [word for word in words if word in vocabulary or word not in FUNCTION_WORDS]
     if not asked:

@@ -255,8 +255,8 @@ def _read(name: str | Path) -> dict[str, Any]:
         if name not in domain_names():
             message = unknown("domain", str(name), domain_names())
             raise SettingsError(
-                f"{message} A path that ends in .toml loads your own; of a "
-                "percept table it ends in .npz."
+                f"{message} The path of your own domain ends in .toml, and that of a percept "
+                "table in .npz."
             )
         path = _TABLES / f"{name}.toml"
     try:

@@ -116,8 +116,8 @@ class OfflineConfig:
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
         if self.payoffs is not None and self.answer == "values":
             raise SettingsError(
-                "Payoffs are for yes and no, but the questions ask for values; ask questions of "
-                "yes or no (answer='yes or no', --yes-no), or give one reward (--reward)."
+                "Payoffs apply only to yes-or-no questions, but the questions ask for values; ask "
+                "yes-or-no questions (answer='yes or no', --yes-no), or give a reward (--reward)."
             )
         _check_size(self, ("trials",), ("attributes",))
         object.__setattr__(self, "dataset", path_text(self.dataset))
@@ -257,9 +257,10 @@ def _check_size(config: Any, factors: tuple[str, ...], others: tuple[str, ...]) 
         days = trials * _SECONDS / 86_400
         terms = " x ".join(f"{getattr(config, name):,} {name}" for name in factors)
         raise SettingsError(
-            f"{len(config.agents)} agents x {terms} are {trials:,} trials: at {_SECONDS:g} s and "
-            f"{_BYTES:,} bytes a trial {days:,.0f} days of a core and {trials * _BYTES / 1e9:,.0f} "
-            f"GB of logs. Give {MOST_TRIALS:,} trials in all at most, or several runs by seeds."
+            f"{len(config.agents)} agents x {terms} are {trials:,} trials: with {_SECONDS:g} s and "
+            f"{_BYTES:,} bytes for a trial, they need {days:,.0f} days of a core and "
+            f"{trials * _BYTES / 1e9:,.0f} GB of logs. Run at most {MOST_TRIALS:,} trials, or "
+            "several runs with different seeds."
         )
 
 

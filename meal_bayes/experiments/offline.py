@@ -72,8 +72,8 @@ def offline_tasks(
     whole = is_whole(n_attributes)
     if not whole or not 1 <= n_attributes <= len(names):
         raise SettingsError(
-            f"{n_attributes!r:.60} attributes asked; {table.domain.name} has {len(names)} to ask, "
-            f"give a number from 1 to {len(names)}."
+            f"The number of attributes in a question is {n_attributes!r:.60}; give a number from 1 "
+            f"to {len(names)} for {table.domain.name}."
         )
     if trials < 1:
         raise SettingsError(f"{trials} trials were asked for; give at least 1.")
@@ -117,8 +117,8 @@ def _check_labeled(
     most = int(labeled.sum(axis=1).max())
     if n_attributes > most:
         raise SettingsError(
-            f"{n_attributes} attributes asked, but no object has labels of more than {most} "
-            "of those that can be asked; ask fewer, or label more."
+            f"Questions are about {n_attributes} attributes, but no object has labels of more than "
+            f"{most} of them; ask about fewer attributes, or add labels."
         )
     if not conjunctions:
         return
@@ -129,9 +129,10 @@ def _check_labeled(
     most = int(together.sum(axis=0).max())
     if n_attributes > most:
         raise SettingsError(
-            f"Whether {n_attributes} attributes hold together is asked, but of a group one value "
-            f"is true, and no object has labels of more than {most} attributes that can hold "
-            "together; ask fewer, or 'balanced' questions (--yes-no-balanced), which deny some."
+            f"Questions ask whether {n_attributes} attributes are all true, but no object has "
+            f"labels of more than {most} attributes that can be true together (of a group, only "
+            "one can). Ask about fewer attributes, or ask 'balanced' questions "
+            "(--yes-no-balanced), which negate some attributes."
         )
 
 

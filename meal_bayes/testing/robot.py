@@ -153,8 +153,8 @@ class _Check:
             states = self.domain.diagram.states
             raise self.fail(
                 f"{spec.name!r} in {states[x]!r} came to {states[next_x]!r}.",
-                f"The domain's diagram leads to {[states[place] for place in reached]} alone; add "
-                "the effect there, or report the state that the robot is in.",
+                f"In the domain, it leads only to {[states[place] for place in reached]}; add the "
+                "effect to the domain, or return the state in which the robot is.",
             )
 
     def check_outcome(self, spec: Behavior, outcome: Outcome) -> None:

@@ -215,12 +215,13 @@ class _Check:
         if (decision.value_se < 0).any() or (np.asarray(decision.visits) < 0).any():
             raise self.fail(
                 "Decision.value_se or visits are negative.",
-                "Standard errors are 0 where a value is exact, NaN where unknown; visits count.",
+                "A standard error is 0 if the value is exact, and NaN if the error is unknown; "
+                "visits are numbers of simulations.",
             )
         if decision.gap is not None and not decision.gap >= 0:
             raise self.fail(
                 f"Decision.gap is {decision.gap}.",
-                "It is what the best action may be worth more, at most: 0 or more, or None.",
+                "It is an upper bound of the loss of this decision: a number >= 0, or None.",
             )
 
     def check_repeats(self, first: Decision, second: Decision, whose: str) -> None:

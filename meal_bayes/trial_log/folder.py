@@ -600,7 +600,8 @@ class Logs:
         if len(data_files) > 1 and len(set(map(_content, data_files))) > 1:
             listing = ", ".join(f"{name} (such as {file})" for name, file in data_files.items())
             raise LogError(
-                f"These logs are of {len(data_files)} data sets: {listing}; name one's logs."
+                f"These logs belong to {len(data_files)} data sets: {listing}; name the logs of "
+                "one data set."
             )
         return files
 

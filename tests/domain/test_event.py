@@ -149,7 +149,7 @@ def test_what_may_be_meant_in_two_ways_is_refused(form, names):
 
 @pytest.mark.parametrize("question", ["!heavy", "~heavy", "heavy | blue", "-heavy", "heavy = no"])
 def test_signs_of_negation_are_no_values(question):
-    with pytest.raises(QueryError, match="The question says"):
+    with pytest.raises(QueryError, match="The question contains"):
         read_query(question, ROC36)
 
 

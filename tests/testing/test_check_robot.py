@@ -96,7 +96,7 @@ FAULTS = {
     "starts at the end": r"start\(\) .* 'term', .*expected one of x0, x1; return the state",
     "comes to the end": r"execute\(.*\) .* 'term', .*expected one of x0, x1; return the state",
     "comes to an unknown state": r"execute\(.*\) .* unknown state. Unknown state 'lost'",
-    "moves where nothing leads": "came to .* The domain's diagram leads to",
+    "moves where nothing leads": "came to .* In the domain, it leads only to",
     "returns a pair": r"returned tuple; return an Outcome\(state, features\)",
     "fails by an exception": "raised OSError: no route to host",
     "never senses": "never yielded a percept",
