@@ -91,7 +91,7 @@ def test_what_two_objects_of_few_labels_leave_to_ask_is_asked():
     table = dataclasses.replace(TABLE, domain=domain, labels=labels)
     tasks = offline_tasks(table, 2, 5, 0, answer="yes or no")
     assert {task.query.attributes for task in tasks} == {("heavy", "glass")}
-    with pytest.raises(SettingsError, match="more than 2 attributes that can hold together"):
+    with pytest.raises(SettingsError, match="more than 2 attributes that can be true together"):
         offline_tasks(table, 3, 5, 0, answer="yes or no")
 
 
