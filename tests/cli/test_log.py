@@ -153,7 +153,7 @@ def test_a_label_s_log_says_what_was_told(run, tmp_path):
     path = write_feedback(tmp_path, told, header={"data": "kitchen"})
     said = "what was told of blue cup: heavy, not beans, full taken back"
     assert said in " ".join(run("log", "info", path).stdout.split())
-    assert "whole" in run("log", "check", path).stdout
+    assert "undamaged" in run("log", "check", path).stdout
 
 
 @pytest.mark.parametrize("measure", ["reward", "cost", "success"])
