@@ -1,6 +1,6 @@
-"""Solvers of the query MOMDP: what to do next.
+"""Solvers of the MOMDP of a query: they take a `MOMDP` and return a `Policy`.
 
-In: a `MOMDP`. Out: `Policy`, `Decision`.
+A policy returns a `Decision`, the next action of a trial.
 """
 
 from meal_bayes.planners.baselines import Greedy, Predefined, Random, RandomLegal, Untouched

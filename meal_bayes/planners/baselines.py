@@ -1,7 +1,7 @@
-"""The paper's baselines (Sect. 7.1): Random, Random Legal, Predefined, Predefined Plus; and ours.
+"""Baselines: Random, Random Legal, Predefined and Predefined Plus (Sect. 7.1), and two others.
 
-Two baselines are not the paper's: Greedy, and Untouched, which answers without executing a
-behavior. An agent whose mean reward is not above that of Untouched is not worth its costs.
+The others are Greedy, and Untouched, which answers without executing a behavior. An agent whose
+mean reward is not above that of Untouched is not worth its costs.
 """
 
 from collections.abc import Callable
@@ -50,7 +50,7 @@ def _report_or_behavior(momdp: MOMDP, history: History, rng: np.random.Generator
         return unvalued(momdp, int(rng.choice(legal)))
     if query.event is not None:
         return unvalued(momdp, momdp.n_behaviors + int(rng.integers(query.n_reports)))
-    # Drawn bit by bit, as 2^81 reports fit in no machine integer.
+    # Drawn bit by bit, because the number of reports may be larger than a machine integer.
     values = rng.random(len(query)) < 0.5  # a fair coin
     for group in query.groups:
         values[list(group)] = np.arange(len(group)) == rng.integers(len(group))
@@ -105,7 +105,7 @@ class Predefined:
     Raises
     ------
     SettingsError
-        The sequence names a behavior that the MOMDP does not have.
+        If the sequence names a behavior that the MOMDP does not have.
     """
 
     sequence: tuple[str, ...]
@@ -175,9 +175,9 @@ def _most_bits(
     stop = answer_value(momdp, belief)
     entropy = belief.entropy
     values = np.append(np.full(momdp.n_behaviors, np.nan), stop)
-    # s a bit: what certainty would add to the answer, over the bits that are missing to it.
+    # Seconds per bit: the gain of a certain answer, divided by the entropy.
     bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
-    # A percept that does not come, as the path to it got lost, tells nothing.
+    # If the path to a percept cannot be completed, there is no information.
     gain = information_gain(momdp, belief) * (1.0 - shortest.lost[belief.x])
     first = shortest.first_action[belief.x]
     price = shortest.cost[belief.x]
@@ -191,7 +191,7 @@ def _most_bits(
 
 
 def information_gain(momdp: MOMDP, belief: Belief) -> Floats:
-    """Compute the mutual information (E,), bits, of each behavior's next percept and the truth."""
+    """Compute the mutual information (E,) in bits of each behavior's next percept and the truth."""
     joint = next_percept(momdp, belief)  # (N,E,2,K)
     true = joint.sum(axis=3)
     n, e = joint.shape[:2]

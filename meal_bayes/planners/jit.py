@@ -1,29 +1,33 @@
-"""Compiling and caching of planning kernels; the only module of `planners` that imports numba.
+"""Compilation and caching of planning kernels; the only module of `planners` that imports numba.
 
-`entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
-wrappers that Python would need (a seventh of the compile time), and inlined; `called_kernel` one
-that is too large to be inlined: there is one copy of it, wherever it is called. These two are not
-optimized by themselves, made machine code, nor kept on disk: LLVM sees all that an entry kernel
-leads to at once, and what it had done before would be done again at every level (a third of the
-compile time, and a tenth for the machine code that nobody would run). Nor is an entry kernel
-optimized before what it calls is linked. A kernel is compiled again in every entry kernel that
-leads to it, so these are few. Nothing in a kernel allocates, so no references are counted: callers
-bring scratch buffers.
+There are three decorators. `entry_kernel` makes a kernel that Python calls. `kernel` makes a kernel
+that only kernels call; it is inlined and has no wrappers for Python, which would take a seventh of
+the compile time. `called_kernel` makes a kernel that only kernels call and that is too large to be
+inlined, so there is one copy of it.
 
-Named tuples of classes that are `by_reference` are laid out in memory when Python calls, and
-kernels pass one pointer; to pass all fields of all arrays, some 200 words, took a third of the
-compile time.
+Kernels of the last two kinds are not optimized, compiled to machine code or cached by themselves.
+LLVM optimizes an entry kernel after all kernels that it calls are linked. Optimizing each of them
+before would take a third of the compile time, and its unused machine code a tenth. A kernel is
+compiled again for every entry kernel that calls it, so there are few entry kernels. Kernels do not
+allocate memory, so there is no reference counting; callers pass scratch buffers.
 
-What only some problems need is left out by type: `if conjunction is None` of an argument that is
-None is decided before anything else is compiled.
+Named tuples of classes with the decorator `by_reference` are laid out in memory when Python calls a
+kernel, and kernels pass one pointer. Passing all fields of all arrays, some 200 words, took a third
+of the compile time.
 
-In a call from kernel to kernel a literal has a type of its own, such as `Literal[int](0)`, and the
-callee is compiled once more for it. So a constant argument is typed: `np.int64(0)`,
-`np.bool_(True)`, `NO_BEHAVIOR`; and so is a variable that begins with a constant and is passed on.
+Code for some problems only is removed by type: if the argument `conjunction` is None, numba decides
+`if conjunction is None` at compile time.
 
-numba's cache looks at a kernel's own file alone, but kernels call kernels of other files, so a
-digest of every file that may hold one is part of the cache's version: after an edit to any of
-them, everything is compiled anew.
+In a call from kernel to kernel, a literal has its own type, such as `Literal[int](0)`, and the
+callee is compiled again for this type. So constant arguments are typed: `np.int64(0)`,
+`np.bool_(True)`, `NO_BEHAVIOR`. The same holds for a variable that begins with a constant and is
+passed on.
+
+numba's cache only checks the file of a kernel, but kernels call kernels in other files. Therefore
+the version of the cache contains a digest of every file that may contain a kernel. After a change
+in any of them, everything is compiled again.
+
+In the docstrings of kernels, "Compute A -> B" means that the kernel writes A into the array B.
 """
 
 import contextlib
@@ -55,14 +59,14 @@ from meal_bayes.cache import compile_kernel
 
 Index = int | np.int64
 PREPARING = "preparing the planner, once after an install, about 10 s"
-NO_BEHAVIOR: Index = np.int64(-1)  # where a kernel takes or returns a behavior
+NO_BEHAVIOR: Index = np.int64(-1)  # index that stands for no behavior
 
 
 class _Flags(Flags):  # type: ignore[misc]  # numba has no types
-    """Flags of the compiler that all kernels share.
+    """Compiler flags that all kernels share.
 
-    numba looks up what it knows of each call by a copy of the caller's flags; to compare every
-    kernel's own copy with every other's takes a tenth of the compile time.
+    numba looks up compiled calls by a copy of the caller's flags. Comparing the copies of different
+    kernels takes a tenth of the compile time.
     """
 
     def __init__(self, flags: Flags) -> None:
@@ -80,20 +84,20 @@ _shared_flags = functools.cache(_Flags)
 
 
 class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
-    """Code whose functions are optimized once, when all that it calls is linked."""
+    """Code whose functions are optimized once, after all called functions are linked."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
     def _optimize_final_module(self) -> None:
-        # Once: the pass that numba makes before only helps to remove counts of references.
+        # One pass; numba's earlier pass only removes reference counts, of which there are none.
         manager = self._codegen._module_pass_manager()
         passes, *settings = manager if isinstance(manager, tuple) else (manager,)  # numba < .62
         passes.run(self._final_module, *settings)
 
     def add_ir_module(self, ir_module: Any) -> None:
-        # What is not inlined by its decorator is called. What Python calls must be: it reads for
-        # constant what its wrapper has written.
+        # Functions without a decorator for inlining are never inlined. This is necessary for entry
+        # kernels, which would treat values that their wrapper writes as constants.
         defined = [function for function in ir_module.functions if not function.is_declaration]
         if not any("alwaysinline" in function.attributes for function in defined):
             for function in defined:
@@ -102,7 +106,7 @@ class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
 
 
 class _LinkedLibrary(_EntryLibrary):
-    """Code that is linked into entry kernels alone: not optimized, nor made machine code, alone."""
+    """Code that is only linked into entry kernels, and not optimized or compiled by itself."""
 
     def _optimize_final_module(self) -> None:
         pass
@@ -135,7 +139,7 @@ class _LinkedCompiler(_EntryCompiler):
 
 
 def _without_machine_code(library: Any, function: Any, environment: Any) -> Any:
-    """Return what stands for a kernel where Python would call it."""
+    """Return a placeholder for the function that Python would call."""
     module = function.lookup_module()
     return _dynfunc.make_function(module, function.qualname, "", 0, environment, (library,))
 
@@ -152,7 +156,7 @@ for _path in (*sorted(Path(__file__).parent.rglob("*.py")), *_SHARED):
 
 
 def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a kernel that Python calls, when it is called first; later processes load it."""
+    """Compile a kernel that Python calls, at its first call; later processes load it."""
     return _versioned(compile_kernel(function, **_OPTIONS, pipeline_class=_EntryCompiler))
 
 
@@ -188,7 +192,7 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class Reference(types.Type):  # type: ignore[misc]  # numba has no types
-    """The type of a pointer to a named tuple of arrays, as kernels pass it on."""
+    """The type of a pointer to a named tuple of arrays."""
 
     def __init__(self, held: types.BaseNamedTuple) -> None:
         fields = [getattr(field, "held", field) for field in held.types]  # also those inside
@@ -207,7 +211,7 @@ N = TypeVar("N", bound=type)
 
 
 def by_reference(of: N) -> N:
-    """Let kernels take values of a class of named tuples by a pointer, also of those inside."""
+    """Let kernels take a class of named tuples by pointer, including named tuples inside it."""
 
     @typeof_impl.register(of)  # type: ignore[untyped-decorator]  # numba has no types
     def _typeof(value: Any, context: Any) -> Reference:
@@ -218,7 +222,7 @@ def by_reference(of: N) -> N:
 
 @unbox(Reference)  # type: ignore[untyped-decorator]  # numba has no types
 def _unbox(reference: Reference, value: Any, c: Any) -> NativeValue:
-    """Lay a named tuple out in memory that lasts as long as the call from Python."""
+    """Write a named tuple into memory that is valid during the call from Python."""
     held = reference.held
     place = cgutils.alloca_once(c.builder, c.context.data_model_manager[held].get_data_type())
     failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
@@ -259,7 +263,7 @@ class _ReferenceFields(AttributeTemplate):  # type: ignore[misc]  # numba has no
 
 @lower_getattr_generic(Reference)  # type: ignore[untyped-decorator]  # numba has no types
 def _read_field(context: Any, builder: Any, reference: Reference, value: Any, name: str) -> Any:
-    """Read a field of a named tuple behind a pointer; one that holds arrays stays where it is."""
+    """Read a field of a named tuple behind a pointer; return a pointer to an inner named tuple."""
     place = reference.held.fields.index(name)
     field = reference.held.types[place]
     pointer = cgutils.gep_inbounds(builder, value, 0, place)
@@ -269,7 +273,7 @@ def _read_field(context: Any, builder: Any, reference: Reference, value: Any, na
 
 
 class Compiling(NamedTuple):
-    """How far the compilation of an entry kernel is."""
+    """Progress of the compilation of an entry kernel."""
 
     entry: str  # name of the entry kernel
     kernel: str  # name of the kernel that is being compiled
@@ -278,7 +282,7 @@ class Compiling(NamedTuple):
 
 
 def _reachable(kernel: Any, reachable: set[Any]) -> set[Any]:
-    """Find the kernels that a kernel may call, and those that they may; itself included."""
+    """Find all kernels that a kernel may call, directly or indirectly, including itself."""
     reachable.add(kernel)
     for name in kernel.py_func.__code__.co_names:
         called = kernel.py_func.__globals__.get(name)
@@ -301,7 +305,7 @@ class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types
             self._done = set()
             self._reachable = _reachable(kernel, set())
         self._stack.append(kernel)
-        # What numba compiles of its own on the way counts as part of the kernel that needs it.
+        # Functions of numba itself count as part of the kernel that needs them.
         if kernel in self._reachable:
             entry = self._stack[0].__name__
             counts = len(self._done), len(self._reachable)
@@ -314,7 +318,7 @@ class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types
 
 
 class _Preparing(event.Listener):  # type: ignore[misc]  # numba has no types
-    """Says once, on a terminal or in a notebook, why the first question takes longer."""
+    """Print once, on a terminal or in a notebook, why the first question takes longer."""
 
     said = False
     watchers = 0  # which show it in their own way

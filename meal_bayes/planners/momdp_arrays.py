@@ -1,4 +1,4 @@
-"""A MOMDP as the arrays that planners read, with geometric failures summed out.
+"""A MOMDP as arrays for planners, in which failures are marginalized out.
 
 A failed behavior changes nothing, so it is optimal to repeat it until it succeeds. With cost c,
 discount factor g and probability f of a failure, the value is V = -cost + discount * E V(next),
@@ -19,12 +19,12 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.reports import Conjunction
 from meal_bayes.planners.jit import by_reference
 
-# Bits: percepts with less information on the class are not planned with. (The certified bound
-# reads all that differ at all: `informative_pairs` of factored/grid.py.)
+# Planners ignore percepts with less information (in bits) about the class. (The certified bound
+# uses all percepts whose rows differ: `informative_pairs` of table/grid.py.)
 _INFORMATIVE = 3e-4
 _ROUNDING = 1e-12
-_PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
-DIAGRAMS = 16  # whose dynamics and shortest paths are kept
+_PRICE = 1e-4  # smallest cost of a behavior in planning, as a fraction of r+ - r-
+DIAGRAMS = 16  # number of diagrams whose dynamics and shortest paths are cached
 
 V = TypeVar("V")
 
@@ -48,7 +48,7 @@ class Dynamics(NamedTuple):
 
     step: NDArray[np.void]  # (X,E) records of `STEP`
     branch: NDArray[np.void]  # (X,E,B) records of `BRANCH`, the outcomes of a step
-    exit_value: float  # of abstaining, -inf where the agent may not
+    exit_value: float  # value of abstaining; -inf if the agent may not abstain
 
 
 @by_reference
@@ -67,16 +67,16 @@ class Percepts(NamedTuple):
 
 @by_reference
 class MOMDPArrays(NamedTuple):
-    """All that the kernels read of a MOMDP."""
+    """The arrays of a MOMDP that the kernels use."""
 
     dynamics: Dynamics
     percepts: Percepts
-    bonus: Floats  # (N,E,2) shaping of each attribute and truth (ITRS, Eq. 11)
-    bonus_limit: Floats  # (E,) percepts of a trial that shaping pays for
+    bonus: Floats  # (N,E,2) exploration bonus of each attribute and truth (Eq. 11)
+    bonus_limit: Floats  # (E,) largest number of percepts in a trial that have the bonus
     shaped: bool  # is there any bonus?
     incorrect: float  # r-
     reward_range: float  # r+ - r-
-    conjunction: Conjunction | None  # what yes and no earn, where they are asked for
+    conjunction: Conjunction | None  # payoffs of yes and no, for yes-or-no questions
 
 
 def paid_share(limit: Any, seen: Any, planned: Any) -> Any:
@@ -88,11 +88,11 @@ def paid_share(limit: Any, seen: Any, planned: Any) -> Any:
     return np.minimum(1.0, np.maximum(limit - seen, 0.0) / np.maximum(planned, 1))
 
 
-_cache: dict[object, Dynamics] = {}  # at most DIAGRAMS of them: the MOMDPs of a run share one
+_cache: dict[object, Dynamics] = {}  # at most DIAGRAMS entries; the MOMDPs of a run share one
 
 
 def arrays_of(momdp: MOMDP, price: float = _PRICE) -> MOMDPArrays:
-    """Compile a MOMDP for the kernels; behaviors cost at least `price` of r+ - r-."""
+    """Convert a MOMDP to arrays; behaviors cost at least the fraction `price` of r+ - r-."""
     return MOMDPArrays(
         dynamics=dynamics_of(momdp, price),
         percepts=Percepts(
@@ -115,9 +115,10 @@ def arrays_of(momdp: MOMDP, price: float = _PRICE) -> MOMDPArrays:
 
 
 def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
-    """Compile what diagram, costs and discount make, once for all MOMDPs that share them.
+    """Return the dynamics of a MOMDP, cached for all MOMDPs with equal diagram, costs and discount.
 
-    Behaviors cost at least `price` of r+ - r-: undiscounted, free ones could go on for ever.
+    Behaviors cost at least the fraction `price` of r+ - r-. Without discount, behaviors without
+    cost could be repeated forever.
     """
     cost = np.maximum(momdp.expected_cost(), price * (momdp.correct - momdp.incorrect))
     arrays = momdp.transition, momdp.observation_probability, momdp.legal, cost
@@ -126,7 +127,7 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
 
 
 def memoized(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
-    """Return the value of a key, made once; a few are kept."""
+    """Return the cached value of a key, or make it; the cache has a limited size."""
     if key not in cache:
         if len(cache) >= DIAGRAMS:
             cache.clear()
@@ -135,12 +136,12 @@ def memoized(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
 
 
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
-    """Sum out the executions of a behavior that do nothing: it is tried until something happens.
+    """Marginalize out failures: a behavior is repeated until x changes or there is a percept.
 
-    Of each x and behavior, let f be the probability that x stays and nothing is perceived, c the
-    expected cost (X,E) of an execution, and g the discount. Something happens after a geometric
-    number of executions, so that the behavior costs c / (1 - g f), what follows is discounted by
-    g (1 - f) / (1 - g f), and the outcomes are those in which something happened, p / (1 - f).
+    For each x and behavior, let f be the probability that x stays and there is no percept, c the
+    expected cost (X,E) of an execution, and g the discount factor. The number of executions is
+    geometric. So the behavior has the cost c / (1 - g f) and the discount factor
+    g (1 - f) / (1 - g f), and its outcomes have the probabilities p / (1 - f).
     """
     states = np.arange(len(momdp.x_names))
     failure = momdp.failure_probability  # (X,E)
@@ -149,7 +150,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)  # and a percept
     silent = np.clip(happened - sensed, 0.0, None)  # and none
     step = np.zeros(failure.shape, STEP)
-    step["legal"] = momdp.legal & (failure < 1)  # what never does anything cannot be chosen
+    step["legal"] = momdp.legal & (failure < 1)  # a behavior that always fails cannot be chosen
     remaining = np.where(failure < 1, 1 - momdp.discount * failure, 1.0)  # 1 - g f
     step["cost"] = cost / remaining
     step["discount"] = momdp.discount * (1 - failure) / remaining
@@ -168,7 +169,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
 
 
 def _information(momdp: MOMDP) -> Floats:
-    """Compute the mutual information (N,E), bits, of a percept and the class at even odds."""
+    """Compute the mutual information (N,E) in bits of a percept and the class at even odds."""
     rows = momdp.confusion
     p = momdp.latent_classes.mean(axis=1)[:, None, :, None]
     mixed = (p * rows).sum(axis=2, keepdims=True)

@@ -1,4 +1,4 @@
-"""Compiling a solver's kernels before they are needed, or loading what an earlier process made."""
+"""Compile the kernels of a solver before they are needed, or load them from the cache."""
 
 from dataclasses import replace
 
@@ -13,19 +13,19 @@ from meal_bayes.planners.table.policy import Factored
 
 
 def warm_up(solver: Solver, limit: float = 3, *, yes_or_no: bool = False) -> None:
-    """Compile the kernels that a solver needs; a solver without kernels is left alone.
+    """Compile the kernels that a solver needs; do nothing for a solver without kernels.
 
     Parameters
     ----------
     solver : Solver
-        Of this package.
+        Solver of this package.
     limit : float
-        Percepts of a behavior that its trials can have; `POMCP` reads a table where there is none
-        and rates are known (Eq. 8), and plans otherwise: two kernels.
+        Largest number of percepts of a behavior in a trial. It selects the kernel of `POMCP`, which
+        uses a table if the number is unlimited and rates are known (Eq. 8), and otherwise plans.
     yes_or_no : bool
-        Of a question of yes or no, which has kernels of its own.
+        Whether to compile the kernels for yes-or-no questions, which are different ones.
     """
-    if isinstance(solver, POMCP):  # compiling would use up a budget before anything is simulated
+    if isinstance(solver, POMCP):  # compilation would use up a limit of time
         solver = replace(solver, milliseconds=None, simulations=1)
     if isinstance(solver, POMCP | OpenLoop | Factored):
         domain = load_domain("toy")

@@ -359,15 +359,15 @@ class MemoizedPolicy:
 
 
 def unvalued(momdp: MOMDP, action: int) -> Decision:
-    """Return the decision of a policy that compares no values."""
+    """Return the decision of a policy that does not compute values."""
     return Decision.exact(action, np.full(momdp.n_behaviors + 1, np.nan))
 
 
 def is_worth_going_on(value: float, ending: float) -> bool:
     """Return whether to execute a behavior of this value if answering has the value `ending`.
 
-    Planners that compare values stop by it: in `choose`, and `pomcp.policy._certain` before a
-    search. Of several objects, `best_move` compares answers about all; `Greedy` prices bits.
+    All planners that compare values stop by this rule, in `choose` and in `search.policy._certain`.
+    `Greedy` has its own rule.
     """
     return value > ending
 
@@ -375,7 +375,7 @@ def is_worth_going_on(value: float, ending: float) -> bool:
 def choose(
     momdp: MOMDP, belief: Belief, values: Floats, bonus: Floats | None = None
 ) -> tuple[int, Floats, Floats]:
-    """Choose the most valuable behavior, or answer where none is worth more: `is_worth_going_on`.
+    """Choose the behavior with the highest value, or the answer if its value is at least as high.
 
     Parameters
     ----------

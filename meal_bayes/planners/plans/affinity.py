@@ -17,7 +17,8 @@ from meal_bayes.momdp.reports import Conjunction, mean_reward
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, paid_share
 from meal_bayes.planners.plans.candidates import Candidates
 
-# Of 0 to 7 percepts of a behavior; of more, growth extrapolates and sifting takes those of 7.
+# Coefficients are computed for 0 to 7 percepts of a behavior. For more percepts, the growth of
+# plans extrapolates, and `estimate_values` uses 7.
 COUNTED = 8
 
 
@@ -26,8 +27,8 @@ def log_affinities(model: MOMDPArrays) -> Floats:
     percepts = model.percepts
     rows = _merged_levels(percepts.rows)
     s = percepts.precision
-    # Pr(how k percepts share the levels | class), (N,E,C,U,...): every level but the lowest has an
-    # axis, of how many percepts are of it.
+    # Pr(numbers of percepts of each level | class), (N,E,C,U,...), with an axis for each level
+    # except the lowest.
     above = rows.shape[3] - 1
     axes = (None,) * above
     counts = np.zeros((*rows.shape[:3], *(COUNTED,) * above))
@@ -45,7 +46,7 @@ def log_affinities(model: MOMDPArrays) -> Floats:
             counts[lower] -= more
         for _, upper, more in moves:
             counts[upper] += more
-        counts.clip(0.0, out=counts)  # of rounding
+        counts.clip(0.0, out=counts)  # against rounding errors
         flat = counts.reshape(*counts.shape[:3], -1)
         by_truth = percepts.class_of_truth[:, None] @ flat  # (N,E,2,J)
         affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])
@@ -56,12 +57,12 @@ def log_affinities(model: MOMDPArrays) -> Floats:
 
 
 def _cut(axis: int, axes: int, part: slice) -> tuple[Any, ...]:
-    """Return the index of a part of one of the last axes, and of all else."""
+    """Return an index that takes a part of one of the last axes."""
     return (..., *(part if other == axis else slice(None) for other in range(axes)))
 
 
 def _merged_levels(rows: Floats) -> Floats:
-    """Merge levels (...,K) to four at most, two that say no and two that say yes."""
+    """Merge levels (...,K) to at most four, two for no and two for yes."""
     half = rows.shape[-1] // 2
     if half <= 2:
         return rows
@@ -80,7 +81,7 @@ def estimate_values(
     lost = candidates.plan["lost"]
     value = candidates.plan["discount"] * _estimate_answers(model, probabilities, affinity)
     value -= candidates.plan["cost"]
-    if lost.any():  # then it is answered at once
+    if lost.any():  # the robot then answers at once
         value += lost * _estimate_answers(model, probabilities, np.ones((len(affinity), 1)))
     if model.shaped:
         planned = candidates.observation_counts
@@ -91,14 +92,14 @@ def estimate_values(
 
 
 def _estimate_answers(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of the best answer after percepts of coefficients (N,J)."""
+    """Estimate rewards (B,J) of the best answer after percepts with coefficients (N,J)."""
     if model.conjunction is None:
         return _estimate_reports(model, probabilities, affinity)
     return _estimate_yes_or_no(model.conjunction, probabilities, affinity)
 
 
 def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of reporting values, with every error at its most."""
+    """Estimate rewards (B,J) of reporting values, with the largest possible errors."""
     right = np.ones((len(probabilities), affinity.shape[1]))
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
     for of_attribute, of_plans in zip(unsure.T, affinity, strict=True):
@@ -109,11 +110,11 @@ def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Float
 def _estimate_yes_or_no(
     conjunction: Conjunction, probabilities: Floats, affinity: Floats
 ) -> Floats:
-    """Estimate rewards (B,J) of yes or no, as if half of an attribute's error were misses."""
+    """Estimate rewards (B,J) of yes or no; half of each error counts as misses."""
     q = np.where(conjunction.literal, probabilities, 1.0 - probabilities)  # (B,N)
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
     error = 0.5 * unsure[:, :, None] * affinity  # (B,N,J)
-    # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
+    # Pr(accepted, true) and Pr(accepted, false) of each literal, then of all.
     hit = q[:, :, None] - np.minimum(q[:, :, None], error)
     alarm = np.minimum(1.0 - q[:, :, None], error)
     right = hit.prod(axis=1)

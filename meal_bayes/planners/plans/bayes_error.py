@@ -16,15 +16,15 @@ from meal_bayes.momdp.reports import mean_reward as reward_formula
 from meal_bayes.planners.jit import by_reference, called_kernel, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import Percepts
 
-OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
-FEW_OUTCOMES = 256  # and of everything that is computed often
-_SHARE_KEPT = 16  # where outcomes exceed the capacity, they are merged to one in so many
-_GROUP = _SHARE_KEPT - 1  # percepts of a known row taken at once: their outcomes then fit
-_WIDEST = 12.0  # log likelihood ratios beyond are merged: e^-12 of r+ - r- is nothing
-SPAN = 16.0  # log-odds to either side of even odds that error tables reach
-THRESHOLDS = 65  # thresholds of a table, even in log-odds
+OUTCOMES = 1024  # largest number of outcomes for one attribute, in final tables
+FEW_OUTCOMES = 256  # the same in computations that are repeated often
+_SHARE_KEPT = 16  # too many outcomes are merged to 1/16 of the capacity
+_GROUP = _SHARE_KEPT - 1  # percepts of a known row that are added at once
+_WIDEST = 12.0  # larger log likelihood ratios are merged, because e^-12 of r+ - r- is negligible
+SPAN = 16.0  # largest log-odds of the thresholds in error tables
+THRESHOLDS = 65  # number of thresholds of a table, even in log-odds
 
-# Of the problem itself: the model of percepts, and what a report earns.
+# Functions of the decision problem: the model of percepts, and the reward of a report.
 predictive = kernel(observation_predictive)
 mean_reward = kernel(reward_formula)
 _lowest_yes = kernel(lowest_yes)
@@ -40,8 +40,8 @@ def log_odds(b):
 def threshold_below(odds, thresholds):
     """Return the index of the threshold at or below log-odds; at most the last but one.
 
-    Thresholds are even in log-odds from -SPAN to SPAN, so that none is searched for; `_first_yes`
-    is the inverse, and tabulates by the same spacing.
+    Thresholds are even in log-odds from -SPAN to SPAN, so no search is necessary. `_first_yes` is
+    the inverse and uses the same spacing.
     """
     g = int((odds + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
     return min(max(g, 0), thresholds - 2)
@@ -49,7 +49,7 @@ def threshold_below(odds, thresholds):
 
 @kernel
 def _first_yes(log_ratio, thresholds):
-    """Return the threshold from which on an outcome speaks for yes; `thresholds` where none is."""
+    """Return the first threshold at which an outcome means yes; `thresholds` if there is none."""
     g = int(np.ceil((SPAN - log_ratio) * ((thresholds - 1) / (2.0 * SPAN))))
     return min(max(g, 0), thresholds)
 
@@ -72,37 +72,37 @@ class Row(NamedTuple):
 
 @by_reference
 class Scratch(NamedTuple):
-    """The evidence of a trial, and buffers for one caller's intermediate results."""
+    """The percepts of a trial, and buffers for intermediate results."""
 
     evidence: Evidence
     outcomes: Floats  # (C,M) Pr(outcome of a plan's percepts, latent class)
-    bins: Floats  # (C,M) the same, while it is merged or counted
+    bins: Floats  # (C,M) the same, during merging and counting
     truths: Floats  # (2,M) Pr(outcome of a plan's percepts, truth)
-    graded: Ints  # (K,) percepts of each level, of one outcome
+    graded: Ints  # (K,) number of percepts of each level in one outcome
     chance: Floats  # (N,) Pr(attribute is true)
-    threshold: Ints  # (N,) the decision threshold that was best last
-    guess: Floats  # (J,) tabulated values of plans that must be computed
-    computed: Ints  # (E,) plans computed, by first behavior
-    value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
-    bonus: Floats  # (E,) of it, what shaping pays on the way
+    threshold: Ints  # (N,) the last best decision threshold
+    guess: Floats  # (J,) tabulated values of plans whose values must be computed
+    computed: Ints  # (E,) number of computed plans, by first behavior
+    value: Floats  # (E,) value of the best plan, by first behavior; -inf if there is none
+    bonus: Floats  # (E,) the exploration bonus in it
     best: Ints  # (E,) the best plan, by first behavior
-    lost: Floats  # (1,) least value of an answer at once, where a plan may get lost
-    # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed. Of yes or no
-    # hits: Pr(literal is taken to hold, and it does).
+    lost: Floats  # (1,) value of answering at once, used if a plan cannot continue
+    # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed. For yes-or-no
+    # questions, hits: Pr(literal is accepted, and it is true).
     error: Floats
-    # (T,K+1) of yes or no false alarms: Pr(literal is taken to hold, and it does not).
+    # (T,K+1) false alarms of yes-or-no questions: Pr(literal is accepted, and it is false).
     alarm: Floats
-    # (T,K+1) errors by the tables of `Plans`, by `column`, where the class is the truth; -1 = not
+    # (T,K+1) errors from the tables of `Plans`, by `column`, if the class is the truth; -1 = not
     # read yet.
     tabled: Floats
-    accepted: Floats  # (2,N) false alarm and hit of each attribute, of one plan
-    column: Ints  # (N,) of `error`: the last percept's level plus 1; 0 where none was
+    accepted: Floats  # (2,N) false alarm and hit of each attribute, for one plan
+    column: Ints  # (N,) column of `error`: the level of the last percept plus 1, or 0 without one
 
 
 def make_scratch(
     percepts: Percepts, plans: int, rows: int, capacity: int = FEW_OUTCOMES
 ) -> Scratch:
-    """Create the buffers for a MOMDP, so many plans of one x and rows of the error table."""
+    """Create the buffers for a MOMDP, given the numbers of plans from one x and of table rows."""
     n, e, c, k = percepts.rows.shape
     return Scratch(
         evidence=Evidence(counts=np.zeros((n, e, k)), total=np.zeros(e)),
@@ -133,10 +133,10 @@ def _count_yes(percepts, row, k, scratch):
     levels = percepts.rows.shape[3]
     evidence = scratch.evidence
     out = scratch.bins
-    # With the mean and the count of the levels that say yes a row is a Beta.
+    # The sums over the levels that mean yes; with two levels, a row has a Beta distribution.
     mean = 0.0
     yes = 0.0
-    total = 0.0  # of this attribute: another one may have been named more often
+    total = 0.0  # number of percepts of this attribute; other attributes may have more
     lowest_yes = _lowest_yes(levels)
     for z in range(levels):
         total += evidence.counts[i, e, z]
@@ -157,7 +157,7 @@ def _count_yes(percepts, row, k, scratch):
 
 @kernel
 def _level_counts(levels, k, most):
-    """Count how k percepts may share the levels, (k + K - 1 over k); `most` + 1 where more."""
+    """Return the number of possible level counts of k percepts, or `most` + 1 if it is larger."""
     ways = 1
     for z in range(1, levels):
         ways = ways * (k + z) // z
@@ -168,9 +168,9 @@ def _level_counts(levels, k, most):
 
 @called_kernel
 def _count_levels(percepts, row, k, scratch):
-    """Compute Pr(how the next k percepts share the levels | class) -> row c of `bins`.
+    """Compute Pr(level counts of the next k percepts | class) -> row c of `bins`.
 
-    Outcomes are in an order that k and the number of levels alone decide, the same for all classes.
+    The order of the outcomes depends only on k and the number of levels, not on the class.
     """
     i, e, c = row
     evidence = scratch.evidence
@@ -184,7 +184,7 @@ def _count_levels(percepts, row, k, scratch):
     graded[0] = k
     outcome = 0
     while True:
-        # Polya's urn: the lowest level first, times the orders in which these levels may come.
+        # Polya's urn with the lowest level first, times the number of orders of the levels.
         p = 1.0
         past = 0
         for z in range(top + 1):
@@ -229,26 +229,26 @@ def _log_ratio(truths, a):
 
 @called_kernel
 def _merge(weights, i, m, scratch):
-    """Merge outcomes of like likelihood ratio; return how many remain."""
+    """Merge outcomes with similar likelihood ratios; return the number that remains."""
     outcomes = scratch.outcomes
     bins = scratch.bins
     classes = outcomes.shape[0]
     most = outcomes.shape[1] // _SHARE_KEPT
     _sum_classes(weights, i, m, scratch)
     bins[:, :most] = 0.0
-    # Bins are even in log likelihood ratio. Who is told the bin alone errs no less than who is told
-    # the outcome, so merging can only raise the Bayes error.
+    # Bins are even in log likelihood ratio. A bin contains less information than the outcome, so
+    # merging can only increase the Bayes error.
     widest = 1e-9
     for a in range(m):
         widest = max(widest, abs(_log_ratio(scratch.truths, a)))
-    # Beyond this ratio all outcomes are as good as certain, and share the outermost bin.
+    # Outcomes beyond this ratio are almost certain and share the outermost bin.
     widest = min(widest, _WIDEST)
     for a in range(m):
         b = int((_log_ratio(scratch.truths, a) + widest) * (most / (2.0 * widest)))
         b = max(0, min(most - 1, b))
         for c in range(classes):
             bins[c, b] += outcomes[c, a]
-    # Bins that nothing fell into are passed over.
+    # Remove empty bins.
     remaining = 0
     for b in range(most):
         mass = 0.0
@@ -262,7 +262,7 @@ def _merge(weights, i, m, scratch):
 
 @kernel
 def _enumerate(percepts, weights, counts, i, scratch):
-    """Multiply column 0 of `outcomes` by all that percepts (E,) may show; return their number."""
+    """Extend `outcomes` from column 0 by all outcomes of percepts (E,); return their number."""
     outcomes = scratch.outcomes
     bins = scratch.bins
     classes, capacity = outcomes.shape
@@ -271,16 +271,16 @@ def _enumerate(percepts, weights, counts, i, scratch):
     for e in range(counts.shape[0]):
         if counts[e] == 0 or not percepts.informative[i, e]:
             continue
-        # Percepts beyond `limit` never come. Those of a known row are independent and taken in
-        # groups; others depend on each other, and only a first group is taken: a lower bound.
+        # There are no percepts beyond `limit`. Percepts of a known row are independent and are
+        # added in groups. Others are dependent, and only the first group is added, which gives a
+        # lower bound of the value.
         remaining = min(float(counts[e]), percepts.limit[e] - scratch.evidence.total[e])
         while remaining > 0.0:
             k = int(min(remaining, float(_GROUP)))
             size = k + 1
             by_level = False
             if levels > 2:
-                # All of them by their levels, where these outcomes fit, if need be once those so
-                # far are merged.
+                # Add all percepts by their levels if the outcomes fit, perhaps after merging.
                 all_left = int(min(remaining, float(capacity)))
                 graded = _level_counts(levels, all_left, capacity)
                 by_level = graded * min(m, capacity // _SHARE_KEPT) <= capacity
@@ -291,13 +291,13 @@ def _enumerate(percepts, weights, counts, i, scratch):
             if m * size > capacity:
                 m = _merge(weights, i, m, scratch)
             # Pr(outcome, j of k | class) = Pr(outcome | class) Pr(j of k | class), in place, from
-            # the last outcome down, as each makes way for k + 1.
+            # the last outcome to the first, because each is replaced by several.
             for c in range(classes):
                 if by_level:
                     _count_levels(percepts, Row(i, e, c), k, scratch)
                 else:
                     _count_yes(percepts, Row(i, e, c), k, scratch)
-                # Held apart, as to read them between writes takes 15 % of a search.
+                # Read once, because reading between writes would take 15 % of a search.
                 no = bins[c, 0]
                 yes = bins[c, 1]
                 for a in range(m - 1, -1, -1):
@@ -346,10 +346,10 @@ def plan_rates(percepts, counts, i, prob, weight, scratch):
 def tabulate_errors(percepts, counts, attribute, scratch, table):
     """Tabulate Pr(error | latent class) at decision thresholds -> table (T,G,C).
 
-    Row t: after the percepts counts[t] (T,E), of attribute[t] (T,). Threshold g decides yes where
-    the likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. No threshold's
-    error is below the Bayes error; where the class is the truth, the best thresholds are those
-    next to the log-odds of a belief.
+    Row t is for attribute[t] (T,) after the percepts counts[t] (T,E). At threshold g, the decision
+    is yes if the log likelihood ratio plus prior log-odds is positive; these log-odds are even in g
+    from -SPAN to SPAN. The error at any threshold is at least the Bayes error. If the class is the
+    truth, the best thresholds are those next to the log-odds of a belief.
     """
     thresholds = table.shape[1]
     classes = table.shape[2]
@@ -359,7 +359,7 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
         scratch.outcomes[:, 0] = 1.0
         m = _enumerate(percepts, percepts.class_of_truth, counts[t], i, scratch)
         _sum_classes(percepts.class_of_truth, i, m, scratch)
-        # From threshold g on an outcome speaks for yes.
+        # From threshold g on, an outcome means yes.
         bins[:, : thresholds + 1] = 0.0
         for a in range(m):
             g = _first_yes(_log_ratio(scratch.truths, a), thresholds)

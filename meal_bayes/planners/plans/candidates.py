@@ -13,21 +13,21 @@ from meal_bayes.planners.momdp_arrays import DIAGRAMS, MOMDPArrays
 from meal_bayes.planners.plans.paths import DiagramPaths, ShortestPaths
 from meal_bayes.planners.plans.values import PLAN
 
-LENGTH = 96  # behaviors of a plan, at most
-_SIMPLE_PLANS = 6_000  # of all x; a diagram with more keeps the most promising
-_TOURS = 1_000  # of all x, likewise
-_WALKS = 50_000  # simple plans that are kept
+LENGTH = 96  # largest number of behaviors of a plan
+_SIMPLE_PLANS = 6_000  # largest number of simple plans from all x; the most promising are kept
+_TOURS = 1_000  # the same for tours
+_WALKS = 50_000  # size of the cache of simple plans
 
 Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
 _Number = TypeVar("_Number", np.int64, np.float64)
 
 
 class Candidates(NamedTuple):
-    """Plans with the paths that they follow."""
+    """Plans with their paths."""
 
-    x: Ints  # (J,) where they start
+    x: Ints  # (J,) states in which they begin
     path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
-    plan: NDArray[np.void]  # as in `Plans`, like the following
+    plan: NDArray[np.void]  # this field and the following ones are as in `Plans`
     observation_counts: Ints
     expected_percepts: Floats
 
@@ -60,7 +60,7 @@ def simple_plans(diagram: DiagramPaths, log_affinity: Floats) -> Candidates:
 
 @functools.lru_cache(maxsize=DIAGRAMS)
 def _all_simple_plans(diagram: DiagramPaths) -> Candidates:
-    """Return all simple plans; they do not depend on what percepts tell."""
+    """Return all simple plans; they do not depend on the confusion matrices."""
     shortest = diagram.shortest
     legal = diagram.dynamics.step["legal"]
     walks = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
@@ -71,17 +71,17 @@ def _all_simple_plans(diagram: DiagramPaths) -> Candidates:
     return cheapest(sum_up_walks(diagram, sorted(walks)))
 
 
-@functools.lru_cache(maxsize=_WALKS)  # every library of a run asks for the same ones
+@functools.lru_cache(maxsize=_WALKS)  # all libraries of a run have the same simple plans
 def _simple_walk(
     diagram: DiagramPaths, x: int, goals: tuple[int, ...]
 ) -> tuple[int, tuple[int, ...]]:
-    """Return x and the behaviors that gather percepts in turn, as far as paths lead."""
+    """Return x and the behaviors that lead to the percepts `goals` in order, as far as possible."""
     shortest = diagram.shortest
     path: tuple[int, ...] = ()
     state = x
     for goal in goals:
         if shortest.first_action[state, goal] < 0:
-            break  # none leads back
+            break  # there is no path to this percept
         path = (*path, *shortest.path(state, goal))
         state = int(shortest.end[state, goal])
     return x, path[:LENGTH]
@@ -90,14 +90,14 @@ def _simple_walk(
 def _promising_goals(
     shortest: ShortestPaths, x: int, tells: Floats, most: int
 ) -> Iterator[tuple[int, ...]]:
-    """Yield the goals of the simple plans from x that tell most a second, `most` at most."""
+    """Yield the goals of at most `most` simple plans from x with most information per second."""
     reached = shortest.first_action >= 0
     unreached = np.where(reached, shortest.cost, np.inf)  # (X,E)
     for k in (1, 2):
         goals = np.flatnonzero(reached[x])
         end = shortest.end[x, goals]
         cost = unreached[x, goals]
-        if k == 2:  # once more, from where the first percept left the robot
+        if k == 2:  # the same percept again, from the state after the first one
             cost = cost + unreached[end, goals]
             end = shortest.end[end, goals]
         first = tells[goals, k]
@@ -119,12 +119,12 @@ def _promising_goals(
 
 
 def sum_up(diagram: DiagramPaths, start: Ints, path: Ints, ends: Bools) -> Candidates:
-    """Sum up the prefixes of paths (R,L) from start (R,) that stop behind the steps `ends`.
+    """Compute the plans of the prefixes of paths (R,L) from start (R,) that end after `ends`.
 
     cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k, lost = sum_k (prod_{j<k} g_j) l_k
     """
     length = path.shape[1]
-    # The states that a path passes, along the likeliest outcomes.
+    # The states along a path, with the most probable outcomes.
     x = np.empty_like(path)
     x[:, 0] = start
     for t in range(length - 1):
@@ -175,7 +175,7 @@ def _by_behavior(
 def sum_up_walks(
     diagram: DiagramPaths, walks: Iterable[Walk], *, prefixes: bool = False
 ) -> Candidates:
-    """Sum up walks of any length, or all their prefixes."""
+    """Compute the plans of walks of any length, or of all their prefixes."""
     start, paths = zip(*walks, strict=True)
     path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
     if prefixes:
@@ -185,7 +185,7 @@ def sum_up_walks(
 
 
 def cheapest(candidates: Candidates) -> Candidates:
-    """Return the cheapest plan of equal x, first behavior and percepts, in order of x."""
+    """Return the cheapest of plans with equal x, first behavior and percepts, in order of x."""
     ascending = np.argsort(candidates.plan["cost"], kind="stable")
     action = candidates.plan["action"][ascending]
     counts = candidates.observation_counts[ascending]
@@ -194,8 +194,8 @@ def cheapest(candidates: Candidates) -> Candidates:
 
 
 def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find the first of each distinct row of small integers >= 0, and each row's place in these."""
-    # Rows as strings of big-endian bytes: they sort as the numbers do, and in one pass.
+    """Return the first index of each distinct row of small integers >= 0, and the inverse."""
+    # Rows are compared as strings of big-endian bytes, which have the same order.
     keys = rows.astype(">u2").view(f"S{2 * rows.shape[1]}").ravel()
     return np.unique(keys, return_index=True, return_inverse=True)[1:]
 
@@ -203,7 +203,8 @@ def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def paid_tours(model: MOMDPArrays, shortest: ShortestPaths) -> Iterator[Walk]:
     """Build tours, which collect percepts with a bonus as long as the bonus exceeds the cost.
 
-    Of a large diagram only the first behaviors of each x that are paid most a second begin one.
+    In a large diagram, tours begin only with the first behaviors that have the largest bonus per
+    second.
     """
     pay = np.where(model.bonus_limit > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
     begins = shortest.first_action >= 0
@@ -219,7 +220,7 @@ def paid_tours(model: MOMDPArrays, shortest: ShortestPaths) -> Iterator[Walk]:
             path = (*path, *shortest.path(state, goal))
             state = int(shortest.end[state, goal])
             unpaid[list(path)] = False
-            # What a path pays for first percepts on it, less what it costs.
+            # The bonus of first percepts on a path, minus the cost of the path.
             gain = (shortest.observation_counts[state] > 0) @ (pay * unpaid) - shortest.cost[state]
             gain = np.where(unpaid & (shortest.first_action[state] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
@@ -227,7 +228,7 @@ def paid_tours(model: MOMDPArrays, shortest: ShortestPaths) -> Iterator[Walk]:
 
 
 def plan_suffixes(plans: Candidates, shortest: ShortestPaths) -> Iterator[Walk]:
-    """Yield plans, and what remains of them after each of their steps."""
+    """Yield plans, and the rest of each plan after each of its steps."""
     for x, row in zip(plans.x.tolist(), plans.path, strict=True):
         state = x
         path = row[row >= 0].tolist()

@@ -1,4 +1,4 @@
-"""Values of open-loop plans where attributes are coupled, by a group or by a joint prior.
+"""Values of open-loop plans if attributes are dependent, by a group or by a joint prior.
 
 If attributes are dependent, the probability that a report is right is not a product over
 attributes. Therefore the answer at the end of a plan is valued after each outcome, that is, after
@@ -26,22 +26,23 @@ from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import Truths, joint_tables, truths_of
 from meal_bayes.momdp.observation import predictive, sample_rows
 
-SAMPLES = 256  # outcomes of a plan that are sampled
-ENUMERATED = 512  # outcomes of a plan up to which all of them are enumerated
-PERCEPTS = 6  # of one behavior that a plan looks ahead to
+SAMPLES = 256  # number of sampled outcomes of a plan
+ENUMERATED = 512  # largest number of outcomes that are all enumerated
+PERCEPTS = 6  # largest number of percepts of one behavior in a plan
 
 
 class Endings(NamedTuple):
-    """Values of the best answer where plans end."""
+    """Values of the best answer at the end of plans."""
 
     value: Floats  # (J,)
-    error: Floats  # (J,) standard errors; 0 where all outcomes are enumerated
+    error: Floats  # (J,) standard errors; 0 if all outcomes are enumerated
 
 
 class CoupledPlans:
-    """The answers after plans of so many percepts of each behavior (J,E), at one belief.
+    """Values of the answers after plans, at one belief.
 
-    `endings` values all plans; `fresh` values some of them again, by samples of their own.
+    Plans are given by their numbers of percepts of each behavior (J,E). `endings` computes the
+    values for all plans; `fresh` computes some of them again with new samples.
     """
 
     def __init__(
@@ -53,18 +54,18 @@ class CoupledPlans:
         self.rng = rng
         self.samples = samples
         self._now = answer_value(momdp, belief)
-        # Percepts that are equally likely under all classes tell nothing.
+        # Percepts with the same probability in all classes are uninformative.
         rows = momdp.confusion
         same = (rows == rows[:, :, :1]).all(axis=(2, 3))
         same &= (momdp.precision == momdp.precision[:, :, :1]).all(axis=2)
-        self._told = counts[:, None] * ~same  # (J,N,E) percepts that tell something
+        self._told = counts[:, None] * ~same  # (J,N,E) informative percepts
         self._log_likelihood: dict[tuple[int, int, int], Floats] = {}
         most = int(counts.max(initial=0))
         ways = np.array([math.comb(k + momdp.levels - 1, k) for k in range(most + 1)], float)
         self.is_enumerated = ways[self._told].prod(axis=(1, 2)) <= ENUMERATED
 
     def endings(self) -> Endings:
-        """Value the answers after all plans."""
+        """Compute the values of the answers after all plans."""
         endings = Endings(np.zeros(len(self.counts)), np.zeros(len(self.counts)))
         for j in np.flatnonzero(self.is_enumerated).tolist():
             after, weight = self._enumerate(j)
@@ -79,10 +80,10 @@ class CoupledPlans:
         return again
 
     def _gain(self, after: Floats) -> Floats:
-        """Compute what the best answer after outcomes, ln Pr(class) (M,N,C), adds to today's (M,).
+        """Compute the gain (M,) of the best answer after outcomes over the best answer now.
 
-        This is the difference of two expected rewards after the outcome: of the answer that is best
-        then, and of the one that is best now.
+        The gain is the difference of two expected rewards after an outcome: that of the answer that
+        is best then, and that of the answer that is best now. Outcomes are ln Pr(class) (M,N,C).
         """
         momdp = self.momdp
         reports = momdp.reports
@@ -108,7 +109,7 @@ class CoupledPlans:
         return np.asarray(best - now)
 
     def _truths(self, after: Floats) -> "Truths | _Values":
-        """Return what outcomes, ln Pr(class) (M,N,C), say of the truth."""
+        """Return the posterior of the truth after outcomes ln Pr(class) (M,N,C)."""
         momdp = self.momdp
         if momdp.joint is None:
             return truths_of(momdp, after)
@@ -150,7 +151,7 @@ class CoupledPlans:
             total = seen.sum()
             count, ways = _level_counts(k, momdp.levels)
             drawn = np.zeros((len(count), momdp.n_classes))
-            # Polya's urn, in any order: first all percepts of the lowest level.
+            # Polya's urn. The order does not matter, so all percepts of the lowest level are first.
             for m, of_level in enumerate(count.tolist()):
                 past = 0
                 for z, number in enumerate(of_level):
@@ -172,7 +173,7 @@ class CoupledPlans:
     # --- Samples of them
 
     def _sample(self, plans: Ints, endings: Endings) -> None:
-        """Value the answers after plans by sampled objects and percepts -> endings."""
+        """Write values of answers after plans, by sampled objects and percepts, into `endings`."""
         if not len(plans):
             return
         momdp = self.momdp
@@ -192,7 +193,7 @@ class CoupledPlans:
         belief = self.belief
         rng = self.rng
         if belief.joint_table is not None:
-            # Evenly spaced quantiles: each value vector comes as often as expected, to within one.
+            # With evenly spaced quantiles, each value vector occurs as often as expected, +-1.
             quantiles = (np.arange(self.samples) + rng.random()) / self.samples
             cumulative = belief.joint_table.cumsum()
             number = np.searchsorted(cumulative, quantiles * cumulative[-1], side="right")
@@ -205,10 +206,10 @@ class CoupledPlans:
         return truth
 
     def _sampled_evidence(self, behaviors: Ints, most: Ints) -> Floats:
-        """Sample objects, and as many percepts of behaviors (B,) as `most` (B,) says, which falls.
+        """Sample objects, and `most` (B,) percepts of each of the behaviors (B,).
 
-        Returns ln Pr(first u percepts of a behavior | class), (U+1,B,S,N,C). Behaviors come before
-        samples, so that a plan picks its own with one index.
+        `most` must not increase. Returns ln Pr(first u percepts of a behavior | class),
+        (U+1,B,S,N,C).
         """
         momdp = self.momdp
         rng = self.rng
@@ -223,13 +224,13 @@ class CoupledPlans:
         precision = momdp.precision[:, behaviors]
         means = confusion[attributes, :, latent]
         rows = sample_rows(means, precision[attributes, :, latent], seen, rng)  # (S,N,B,K)
-        # Percepts of these rows, one after the other, and what each says of every class.
+        # Draw percepts from these rows one after another, and compute their evidence.
         counts = np.tile(seen, (self.samples, 1, 1, 1))
         below = rows.cumsum(axis=3)[..., :-1]
         shape = len(behaviors), self.samples, n, momdp.n_classes
         evidence = np.zeros((int(most.max(initial=0)) + 1, *shape))
         for u in range(len(evidence) - 1):
-            b = np.count_nonzero(most > u)  # behaviors that look once more
+            b = np.count_nonzero(most > u)  # number of behaviors with another percept
             sample, attribute, behavior = np.ogrid[: self.samples, :n, :b]
             z = (below[:, :, :b] <= rng.random((self.samples, n, b, 1))).sum(axis=3)
             mean = confusion[attribute, behavior, :, z]
@@ -245,8 +246,8 @@ class CoupledPlans:
 def _standard_error(gain: Floats, reward_range: float) -> float:
     """Compute the standard error of the mean of sampled gains (S,).
 
-    A rare outcome may not be among the samples. So two outcomes are added to the variance, one that
-    gains nothing and one that gains the whole range of rewards: the error is never 0.
+    A rare outcome may not be among the samples. Therefore two outcomes are added to the variance,
+    one with a gain of 0 and one with the whole range of rewards, so the error is never 0.
     """
     mean = gain.mean()
     variance = (((gain - mean) ** 2).sum() + mean**2 + (reward_range - mean) ** 2) / len(gain)
@@ -254,7 +255,7 @@ def _standard_error(gain: Floats, reward_range: float) -> float:
 
 
 class _Values(NamedTuple):
-    """What outcomes say of all values, (M,Y); see `Truths`."""
+    """Posterior of all combinations of values after outcomes, (M,Y); see `Truths`."""
 
     query: Query
     joint_table: Floats
@@ -265,20 +266,20 @@ class _Values(NamedTuple):
         return np.asarray(self.joint_table @ self.query.values)
 
     def factors(self, groups: tuple[tuple[int, ...], ...]) -> list[Floats]:
-        """Return probabilities of all values, which do not factor."""
+        """Return the probabilities of all combinations, because they do not factor."""
         return [self.joint_table]
 
 
 class _LevelCounts(NamedTuple):
-    """Ways in which percepts share the levels."""
+    """Possible numbers of percepts of each level."""
 
-    counts: Ints  # (M,K) percepts of each level
-    ways: Floats  # (M,) orders in which they may come
+    counts: Ints  # (M,K) number of percepts of each level
+    ways: Floats  # (M,) number of orders of these percepts
 
 
 @lru_cache(maxsize=64)
 def _level_counts(percepts: int, levels: int) -> _LevelCounts:
-    """List how many of so many percepts may be of each level."""
+    """List the possible numbers of percepts of each level, for a given number of percepts."""
     counts = [(percepts,)] if levels == 1 else [
         (first, *rest)
         for first in range(percepts + 1)

@@ -1,4 +1,4 @@
-"""Greedy growth of open-loop plans on a transition diagram, from percept to percept."""
+"""Greedy growth of open-loop plans on a transition diagram, by one percept after another."""
 
 from typing import NamedTuple
 
@@ -16,58 +16,58 @@ from meal_bayes.planners.jit import (
 )
 from meal_bayes.planners.plans.bayes_error import mean_reward
 
-CELLS = 8  # of the seconds that may follow, when a bound looks ahead
+CELLS = 8  # intervals of the remaining seconds in a bound
 
 
 @by_reference
 class Paths(NamedTuple):
     """Grown plans from every state, for B beliefs and every first percept."""
 
-    behavior: Ints  # (X,B,E,L) executed, padded by -1
-    ends: NDArray[np.bool_]  # (X,B,E,L) does a prefix end here, with the percept gone for?
+    behavior: Ints  # (X,B,E,L) behaviors of the plans, padded by -1
+    ends: NDArray[np.bool_]  # (X,B,E,L) is there a chosen percept, so that a prefix ends here?
 
 
 class Origin(NamedTuple):
-    """Where a plan begins."""
+    """Beginning of a plan."""
 
     x: Index
     goal: Index  # behavior of its first percept
 
 
 class PathEnd(NamedTuple):
-    """Where a plan has come to."""
+    """Current end of a plan."""
 
     x: Index
-    length: Index  # behaviors so far
+    length: Index  # number of behaviors so far
 
 
 @by_reference
 class Growth(NamedTuple):
-    """What percepts tell, and what a plan has gathered so far."""
+    """Information of percepts, and the state of a growing plan."""
 
-    log_affinity: Floats  # (N,E,U) log coefficient of u percepts, 0 where they do not inform
-    rate: Floats  # (N,) its greatest fall a second
-    limit: Floats  # (E,) percepts that a trial can have
+    log_affinity: Floats  # (N,E,U) log coefficient of u percepts; 0 if they are uninformative
+    rate: Floats  # (N,) largest decrease of the log coefficient per second
+    limit: Floats  # (E,) largest number of percepts in a trial
     incorrect: float  # r-
     reward_range: float  # r+ - r-
     counts: Ints  # (E,) percepts of the plan
-    log_r: Floats  # (2,N) sum of the log coefficients, of the plan and of what may follow
+    log_r: Floats  # (2,N) sum of the log coefficients, of the plan and with further percepts
 
 
 @kernel
 def _log_affinity(log_affinity, i, e, k):
-    """Return the log Bhattacharyya coefficient of k percepts; beyond the table in proportion."""
+    """Return the log Bhattacharyya coefficient of k percepts, extrapolated beyond the table."""
     last = log_affinity.shape[2] - 1
-    # Independent percepts multiply coefficients, so that logarithms add up: k of them k times.
+    # Coefficients of independent percepts multiply, so their logarithms are proportional to k.
     return log_affinity[i, e, min(k, last)] * max(1.0, k / last)
 
 
 @kernel
 def _right(log_r, rate, seconds, chance):
-    """Estimate Pr(right report) after percepts of log coefficient log_r, and rate a second more.
+    """Estimate Pr(right report) after percepts with log coefficient log_r, and `seconds` more.
 
-    Percepts of coefficient r = sum_z sqrt(p1 p0) leave an error of at least
-    (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2; coefficients multiply.
+    In each further second, the log coefficient decreases by `rate`. After percepts with the
+    coefficient r = sum_z sqrt(p1 p0), the error is at least (1 - sqrt(1 - 4 b (1 - b) r^2)) / 2.
     """
     right = 1.0
     for i in range(log_r.shape[0]):
@@ -79,7 +79,7 @@ def _right(log_r, rate, seconds, chance):
 
 @called_kernel
 def _next_percept(shortest, growth, x, chance):
-    """Choose the percepts that add most log Pr(right) a second -> behavior, number."""
+    """Return behavior and number of percepts with the largest gain of log Pr(right) per second."""
     log_affinity = growth.log_affinity
     counts = growth.counts
     log_r = growth.log_r
@@ -93,8 +93,8 @@ def _next_percept(shortest, growth, x, chance):
         if shortest.first_action[x, e] < 0:
             continue
         end = shortest.end[x, e]
-        # One percept more of the same behavior, as long as that raises the gain a second: where
-        # rows are known or percepts weak, the second is worth what the first is.
+        # Add percepts of the same behavior as long as this increases the gain per second. With
+        # known rows or weak percepts, several percepts have a larger gain than one.
         k = 1
         last = 0.0
         while counts[e] + k <= growth.limit[e]:
@@ -115,7 +115,7 @@ def _next_percept(shortest, growth, x, chance):
                 best = gain
                 best_e = e
                 best_k = k
-            # Only what keeps its x can be repeated at once, for its own cost.
+            # Only a behavior that keeps x can be repeated at its own cost.
             repeats = shortest.end[end, e] == end and shortest.first_action[end, e] == e
             if gain <= last or not repeats:
                 break
@@ -126,10 +126,12 @@ def _next_percept(shortest, growth, x, chance):
 
 @called_kernel
 def _best_ahead(growth, chance, base, reward, spare):
-    """Bound what a plan can still come to, if every second were the best for each attribute.
+    """Return an upper bound on the value of all continuations of a plan.
 
-    `base` is its value with a wrong report, `reward` what a right one adds; more than `spare`
-    seconds cannot pay. Within a cell of seconds, the first are paid and the last have been of use.
+    The bound assumes that every second gives the most information about each attribute. `base` is
+    the value of the plan with a wrong report, and `reward` is added for a right one. More than
+    `spare` seconds are never worth their cost. In each interval, the bound uses the cost at the
+    beginning and the information at the end.
     """
     # max over cells of base + reward Pr(right | end of the cell) - seconds at its start
     best = -np.inf
@@ -142,7 +144,7 @@ def _best_ahead(growth, chance, base, reward, spare):
 
 @kernel
 def _informs(growth, e):
-    """Test whether a first percept of a behavior tells anything of any attribute, and may come."""
+    """Return whether a first percept of a behavior is possible and informative."""
     informs = False
     for i in range(growth.log_r.shape[1]):
         informs = informs or growth.log_affinity[i, e, 1] < 0.0
@@ -151,7 +153,7 @@ def _informs(growth, e):
 
 @called_kernel
 def _follow_path(shortest, growth, path, end_so_far, goal):
-    """Append the shortest path to a percept of a behavior, while there is room; return the end."""
+    """Append the shortest path to a percept, up to the length limit; return the end."""
     counts = growth.counts
     log_r = growth.log_r[0]
     state, filled = end_so_far
@@ -173,7 +175,7 @@ def _follow_path(shortest, growth, path, end_so_far, goal):
 
 @called_kernel
 def _grow_plan(shortest, growth, chance, path, origin):
-    """Grow a plan from x, to the percept of a first behavior and on -> path; return its length."""
+    """Grow a plan from x that begins with a given percept -> path; return its length."""
     x, goal = origin
     log_r = growth.log_r[0]
     growth.counts[:] = 0
@@ -182,17 +184,17 @@ def _grow_plan(shortest, growth, chance, path, origin):
     repeats = 1
     cost = 0.0
     scale = 1.0
-    # What to report at once is worth, before anything is perceived. Of a question of yes or no its
-    # values are taken to be reported, too: it is sifting that goes by what yes and no earn.
+    # The value of reporting at once. For a yes-or-no question, plans are grown as if values were
+    # reported; the later selection uses the payoffs of yes and no.
     right = _right(log_r, growth.rate, 0.0, chance)
     best = mean_reward(growth.incorrect, growth.reward_range, right)
     while goal >= 0 and end_so_far.length < path.behavior.shape[0]:
-        # Go for the percepts chosen last: cost += scale c, scale *= g.
+        # Append the paths to the chosen percepts: cost += scale c, scale *= g.
         for _ in range(repeats):
             cost += scale * shortest.cost[end_so_far.x, goal]
             scale *= shortest.discount[end_so_far.x, goal]
             end_so_far = _follow_path(shortest, growth, path, end_so_far, goal)
-        # V = g `mean_reward` - c, and stop where nothing that follows can pay.
+        # V = g `mean_reward` - c; stop if no continuation can be worth its cost.
         base = scale * growth.incorrect - cost
         reward = scale * growth.reward_range
         right = _right(log_r, growth.rate, 0.0, chance)
@@ -208,10 +210,9 @@ def _grow_plan(shortest, growth, chance, path, origin):
 def grow_plans(shortest, growth, chance, begins, paths):
     """Grow a plan for each x, belief (B,N) and first percept -> paths; return the longest's length.
 
-    `begins` (X,E) says to which first percepts.
-
-    Every first percept is tried, so that expensive first steps are not lost. A plan grows until no
-    continuation is worth its cost, or until it has its maximum length.
+    `begins` (X,E) marks the first percepts. Several first percepts are tried, so that plans with
+    expensive first steps are found, too. A plan grows until no continuation is worth its cost, or
+    until it has its maximum length.
     """
     longest = 1
     for x in range(paths.behavior.shape[0]):

@@ -1,4 +1,4 @@
-"""The library of open-loop plans of a MOMDP, in four steps: grow, sift, compete, complete.
+"""The library of open-loop plans of a MOMDP, made in four steps: grow, screen, select, complete.
 
 The value of a plan depends on its *errors*: how often each attribute is reported wrongly after the
 percepts of the plan. The smaller the assumed errors, the higher the value. The four steps compute
@@ -7,15 +7,15 @@ the errors with increasing precision and cost:
 - *grow* uses a lower bound on the errors, from the Bhattacharyya coefficient of the percepts.
   Values are then too high, so no plan ends too early. (It is a bound if percepts have at most four
   levels and are independent given the truth, and otherwise an estimate.)
-- *sift* uses an upper bound on the errors by the same coefficient, so values are too low. (It is a
-  bound if percepts are independent given the truth. With shared latent classes, and for yes-or-no
-  questions, it is an estimate; for the latter, half of the errors count as misses and half as false
-  alarms.)
-- *compete* enumerates the outcomes. If there are too many, those with similar likelihood ratios are
-  merged, and levels are reduced to yes or no (`bayes_error.FEW_OUTCOMES`). Errors are never too
-  small, so values are lower bounds again, and close ones.
-- *complete* does the same with more outcomes (`bayes_error.OUTCOMES`) for the winners and for what
-  remains of them after a percept. Planners read the resulting tables.
+- *screen* (`_sift`) uses an upper bound on the errors by the same coefficient, so values are too
+  low. (It is a bound if percepts are independent given the truth. With shared latent classes, and
+  for yes-or-no questions, it is an estimate; for the latter, half of the errors count as misses and
+  half as false alarms.)
+- *select* (`_compete`) enumerates the outcomes. If there are too many, those with similar
+  likelihood ratios are merged, and levels are reduced to yes or no (`bayes_error.FEW_OUTCOMES`).
+  Errors are never too small, so values are lower bounds again, and close ones.
+- *complete* does the same with more outcomes (`bayes_error.OUTCOMES`) for the winners and for the
+  rest of each winner after a percept. Planners read the resulting tables.
 
 For each plan, the library keeps the fields of `values.PLAN`: the first behavior, and sums over all
 behaviors. It does not keep the sequence, because planners plan again after each step.
@@ -51,14 +51,14 @@ from meal_bayes.planners.plans.growth import Growth, Paths, grow_plans
 from meal_bayes.planners.plans.paths import DiagramPaths, diagram_of
 from meal_bayes.planners.plans.values import PLAN, Plans, best_plans, make_evaluator
 
-_GROWTH_BELIEFS = 4  # beliefs for which plans are grown from every x, to every first percept
-_GROWN = 2_000  # plans that are grown; of a large diagram to the most telling first percepts alone
-_MOST_ATTRIBUTES = 5  # by whose number beliefs and candidates grow; with more no more are taken
-_BELIEFS = 16  # beliefs for each of these attributes, at which plans compete
-_ROUNDS = 6  # of correcting a belief that latent classes hold together
-_WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
-_CANDIDATES = 10  # candidates for each of these attributes, an x and a belief, that compete
-_OF_FIRST = 2  # candidates of each x and first behavior, if not among these
+_GROWTH_BELIEFS = 4  # number of beliefs for which plans are grown
+_GROWN = 2_000  # largest number of grown plans; in a large diagram, fewer first percepts are used
+_MOST_ATTRIBUTES = 5  # numbers of beliefs and candidates grow up to this number of attributes
+_BELIEFS = 16  # number of beliefs for each attribute, at which plans compete
+_ROUNDS = 6  # number of corrections of a belief with several latent classes
+_WINNERS = 14  # number of winners for each x, in addition to one for every first behavior
+_CANDIDATES = 10  # number of competing candidates for each attribute, x and belief
+_OF_FIRST = 2  # number of further candidates for each x and first behavior
 
 
 def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
@@ -67,16 +67,15 @@ def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
     1. *Grow.* For some of a set of beliefs around the prior, plans are grown from every state, with
        every first percept, by adding one percept at a time. These plans, their prefixes, and simple
        plans are the candidates.
-    2. *Sift.* At every belief, the most promising candidates are kept, by a cheap estimate of their
-       values.
-    3. *Compete.* At all beliefs of the set, and from every state, candidates are valued as planners
+    2. *Screen.* At every belief, the candidates with the highest estimated values are kept.
+    3. *Select.* At all beliefs of the set, and from every state, candidates are valued as planners
        value them, but by coarser tables; the winners are kept. The best plan of every legal
        behavior is kept too, so that every behavior has a lower bound.
     4. *Complete.* What remains of a winner after each of its steps is added to the library. A robot
        that follows a plan and plans again after each step therefore never does worse than the plan
        (except for coarsely computed errors if confusion matrices are uncertain).
     """
-    if not model.dynamics.step["legal"].any():  # as where everything fails
+    if not model.dynamics.step["legal"].any():  # for example if all behaviors always fail
         return _no_plans(momdp, model)
     diagram = diagram_of(model.dynamics)
     beliefs = _spread_beliefs(momdp, model)
@@ -89,7 +88,7 @@ def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
 
 
 def _no_plans(momdp: MOMDP, model: MOMDPArrays) -> Plans:
-    """Return the library of a MOMDP in which nothing can be done."""
+    """Return the library of a MOMDP without legal behaviors."""
     n_states, n_behaviors = model.dynamics.step.shape
     return Plans(
         first=np.zeros(n_states + 1, np.int64),
@@ -102,7 +101,7 @@ def _no_plans(momdp: MOMDP, model: MOMDPArrays) -> Plans:
 
 
 def _spread_beliefs(momdp: MOMDP, model: MOMDPArrays) -> Floats:
-    """Draw beliefs (B,N,C) around the prior, of which the first is the prior itself."""
+    """Draw beliefs (B,N,C) around the prior; the first one is the prior itself."""
     n = len(momdp.query)
     rng = np.random.Generator(np.random.PCG64(n))
     spread = rng.uniform(-4.0, 4.0, (_BELIEFS * min(n, _MOST_ATTRIBUTES), n))
@@ -110,12 +109,12 @@ def _spread_beliefs(momdp: MOMDP, model: MOMDPArrays) -> Floats:
 
 
 def _move_prior(momdp: MOMDP, model: MOMDPArrays, spread: Floats) -> Floats:
-    """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
+    """Return beliefs Pr(latent class) (B,N,C) whose log-odds differ from the prior by `spread`.
 
-    Evidence of s nats weighs the classes by exp(s Pr(true | class)). Where the class is the truth,
+    Evidence of s nats multiplies the classes by exp(s Pr(true | class)). If the class is the truth,
     this moves the log-odds by s, and one round is enough. Otherwise it moves them by less, and each
-    round adds what is still missing. Where both truths share a class, no weights may reach the odds
-    that are wanted; then the last round stops short of them.
+    round adds the missing evidence. If both truths share classes, the wanted log-odds may be
+    impossible; the beliefs are then as close as the last round comes.
     """
     false, true = model.percepts.truth_of_class.transpose(1, 0, 2)  # (N,C)
 
@@ -139,7 +138,7 @@ def _move_prior(momdp: MOMDP, model: MOMDPArrays, spread: Floats) -> Floats:
 def _grow(
     model: MOMDPArrays, diagram: DiagramPaths, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
-    """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
+    """Return grown plans at beliefs (B,N), simple plans, and tours if there is a bonus."""
     parts = [
         _grow_percepts(model, diagram, probabilities, log_affinity),
         simple_plans(diagram, log_affinity),
@@ -152,7 +151,7 @@ def _grow(
 def _grow_percepts(
     model: MOMDPArrays, diagram: DiagramPaths, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
-    """Grow plans at beliefs (B,N) from every x to every first percept; with their prefixes."""
+    """Grow plans at beliefs (B,N) from every x with every first percept; add their prefixes."""
     legal = diagram.dynamics.step["legal"]
     n_states, n_behaviors = legal.shape
     if n_states * n_behaviors * len(probabilities) > _GROWN:
@@ -162,11 +161,11 @@ def _grow_percepts(
     cost = np.where(diagram.shortest.senses & legal, diagram.steps.cost, np.inf).min(axis=0)
     growth = Growth(
         log_affinity=log_affinity,
-        rate=(-log_affinity[..., 1] / cost).max(axis=1),  # nats a second, of its best behavior
+        rate=(-log_affinity[..., 1] / cost).max(axis=1),  # nats per second of the best behavior
         limit=model.percepts.limit,
         incorrect=model.incorrect,
         reward_range=model.reward_range,
-        # Written by the kernel as it goes.
+        # Buffers of the kernel.
         counts=np.zeros(n_behaviors, np.int64),
         log_r=np.zeros((2, len(log_affinity))),
     )
@@ -178,9 +177,10 @@ def _grow_percepts(
 
 
 def _first_goals(diagram: DiagramPaths, log_affinity: Floats, most: int) -> Bools:
-    """Choose for each x the first percepts that plans are grown to, (X,E), `most` of them at most.
+    """Choose at most `most` first percepts of grown plans for each x, (X,E).
 
-    Half of them tell most a second, the others cost least: they lead to where more can be told.
+    Half of them have the most information per second; the others have the lowest cost, because they
+    may lead to states with more informative percepts.
     """
     shortest = diagram.shortest
     tells = -log_affinity[..., 1].sum(axis=0)  # (E,)
@@ -201,16 +201,16 @@ def _sift(
 ) -> Candidates:
     """Select candidates by an estimate of their values at beliefs (B,N).
 
-    It only chooses who competes: the best few from each x at each belief stay, and _OF_FIRST of
-    each first behavior.
+    The best few candidates from each x at each belief are kept, and the best _OF_FIRST candidates
+    of each first behavior.
     """
     value = estimate_values(model, candidates, probabilities, log_affinity)  # (B,J)
     is_promising = np.zeros(value.shape[1], np.bool_)
-    # Of each x and first behavior, those that are worth most at the belief where they are best.
+    # For each x and first behavior, the candidates with the highest value at any belief.
     peak = value.max(axis=0)
     group = candidates.x * model.dynamics.step.shape[1] + candidates.plan["action"]
     is_promising[_rank_within(group, peak) < _OF_FIRST] = True
-    # Of each x and belief, those that are worth most. Candidates come by x (see `cheapest`).
+    # For each x and belief, those with the highest value. Candidates are sorted by x (`cheapest`).
     number = _CANDIDATES * min(len(log_affinity), _MOST_ATTRIBUTES)
     for from_x in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
         best = np.argpartition(-value[:, from_x], min(number, len(from_x) - 1), axis=1)[:, :number]
@@ -219,7 +219,7 @@ def _sift(
 
 
 def _rank_within(group: Ints, value: Floats) -> Ints:
-    """Return the place of each value among those of its group, (J,): 0 is the highest."""
+    """Return the rank of each value in its group, (J,); the highest value has rank 0."""
     order = np.lexsort((-value, group))
     in_order = group[order]
     rank = np.empty_like(order)
@@ -228,37 +228,37 @@ def _rank_within(group: Ints, value: Floats) -> Ints:
 
 
 def _compete(model: MOMDPArrays, candidates: Candidates, beliefs: Floats) -> Candidates:
-    """Value candidates at beliefs (B,N,C); of every x, return those that win.
+    """Compute the values of candidates at beliefs (B,N,C), and return the winners for every x.
 
-    These are the _WINNERS plans that are best at the largest numbers of beliefs, and for each first
-    behavior the plan that is best at the belief where going for it is worth most.
+    The winners are the _WINNERS plans that are best at the largest numbers of beliefs, and for each
+    first behavior the best plan at the belief at which beginning with it has the highest value.
     """
-    # Coarse tables are enough to rank some hundred candidates; winners are tabulated again, finely.
+    # Coarse tables are enough to rank candidates; for winners, finer tables are computed later.
     plans = _as_plans(model, candidates, bayes_error.FEW_OUTCOMES)
     evaluator = make_evaluator(model, plans)
     behaviors = np.arange(model.dynamics.step.shape[1])
     winner = np.zeros(len(plans.plan), np.bool_)
     for x, (start, end) in enumerate(itertools.pairwise(plans.first.tolist())):
         best = best_plans(evaluator, x, beliefs)  # (B,E)
-        # At a belief the plans that are worth most win; who wins at many beliefs is kept first.
+        # At each belief, the plans with the highest value win; plans with most wins are kept.
         is_highest = (best.value == best.value.max(axis=1, keepdims=True)) & (best.plan >= 0)
         wins = np.bincount(best.plan[is_highest] - start, minlength=end - start)
         ranking = np.argsort(-wins, kind="stable")[:_WINNERS]
         winner[start + ranking[wins[ranking] > 0]] = True
-        # For each behavior the belief where to begin with it is worth most, and its plan there.
+        # For each behavior, the best plan at the belief at which its value is highest.
         of_first = best.plan[best.value.argmax(axis=0), behaviors]
         winner[of_first[of_first >= 0]] = True
     return candidates.select(np.flatnonzero(winner))
 
 
 def _complete(model: MOMDPArrays, diagram: DiagramPaths, winners: Candidates) -> Plans:
-    """Add what remains of the winners after each of their steps; tabulate all their errors."""
+    """Add the rest of each winner after each of its steps, and tabulate the errors of all plans."""
     plans = cheapest(sum_up_walks(diagram, plan_suffixes(winners, diagram.shortest)))
     return _as_plans(model, plans, bayes_error.OUTCOMES)
 
 
 def _as_plans(model: MOMDPArrays, candidates: Candidates, capacity: int) -> Plans:
-    """Make plans of candidates, which are in order of x, with their errors."""
+    """Make plans with errors from candidates, which are in order of x."""
     states = np.arange(model.dynamics.step.shape[0] + 1)
     row, table = _tabulate(model, candidates.observation_counts, capacity)
     return Plans(
@@ -278,9 +278,10 @@ def retabulate(plans: Plans, model: MOMDPArrays) -> Plans:
 
 
 def _tabulate(model: MOMDPArrays, observation_counts: Ints, capacity: int) -> tuple[Ints, Floats]:
-    """Tabulate the errors of plans by their percepts (J,E); equal ones of an attribute share a row.
+    """Tabulate the errors of plans with percepts (J,E).
 
-    Returns the rows (J,N) of the plans in the table, and the table (T,G,C); see `Plans`.
+    Plans with equal informative percepts of an attribute share a row of the table. Returns the rows
+    (J,N) of the plans, and the table (T,G,C); see `Plans`.
     """
     percepts = model.percepts
     row = []
@@ -305,8 +306,8 @@ def _tabulate(model: MOMDPArrays, observation_counts: Ints, capacity: int) -> tu
 def _as_yes_rates(percepts: Percepts) -> Percepts:
     """Return percepts whose tabulated errors are Pr(says yes | class).
 
-    Of yes or no, hits and false alarms are needed apart, not their sum, the error. As if all truths
-    were false, an error is to say yes.
+    A yes-or-no question needs hits and false alarms separately, and not their sum, the error. If
+    all truths are treated as false, an error is the same as saying yes.
     """
     all_false = np.zeros_like(percepts.truth_of_class)
     all_false[:, 0] = 1.0

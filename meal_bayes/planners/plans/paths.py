@@ -12,7 +12,7 @@ the value W after the most probable outcome, and the value S of an answer,
     V = -c + g [p W + sum_o p_o (D_o V + L_o S - C_o)]    and so    V = -cost + discount W + lost S,
 
 cost = (c + g sum_o p_o C_o) / k, discount = g p / k, lost = g sum_o p_o L_o / k,
-k = 1 - g sum_o p_o D_o. Where every behavior has one outcome they are c, g and 0.
+k = 1 - g sum_o p_o D_o. If a behavior has only one outcome, these are c, g and 0.
 """
 
 import heapq
@@ -30,24 +30,24 @@ from meal_bayes.planners.momdp_arrays import Dynamics, memoized
 class PlanSteps(NamedTuple):
     """Steps of plans, each repeated until its most probable outcome occurs."""
 
-    target: Ints  # (X,E) x of the likeliest outcome
-    senses: Bools  # (X,E) does it perceive?
-    cost: Floats  # (X,E) s, discounted
-    discount: Floats  # (X,E) factor on what follows the likeliest outcome
-    lost: Floats  # (X,E) discounted Pr(no path leads back): the plan then ends with an answer
-    percepts: Floats  # (X,E) expected, discounted: what a bonus pays
+    target: Ints  # (X,E) x after the most probable outcome
+    senses: Bools  # (X,E) does the most probable outcome have a percept?
+    cost: Floats  # (X,E) discounted cost in seconds
+    discount: Floats  # (X,E) discount factor after the most probable outcome
+    lost: Floats  # (X,E) discounted Pr(no path leads back); the plan then ends with an answer
+    percepts: Floats  # (X,E) expected discounted number of percepts, for bonuses
 
 
 class Detours(NamedTuple):
-    """Cost, discount and chance of failure of the way back to one state, from every state."""
+    """Cost, discount factor and probability of failure of the way from each state to one state."""
 
-    cost: Floats  # (X,) C: expected, discounted, s
-    reached: Floats  # (X,) D: discounted Pr(it comes back)
-    lost: Floats  # (X,) L: discounted Pr(it comes to an x from which it cannot)
+    cost: Floats  # (X,) C: expected discounted cost in seconds
+    reached: Floats  # (X,) D: discounted Pr(the goal is reached)
+    lost: Floats  # (X,) L: discounted Pr(a state is reached from which no path leads to the goal)
 
 
 def plan_steps(dynamics: Dynamics) -> PlanSteps:
-    """Sum up the steps of plans on a diagram."""
+    """Compute the steps of plans on a diagram, which include returning and trying again."""
     step = dynamics.step
     branch = dynamics.branch
     likeliest = branch["p"].argmax(axis=2)[:, :, None]
@@ -62,7 +62,7 @@ def plan_steps(dynamics: Dynamics) -> PlanSteps:
         lost=np.zeros(step.shape),
         percepts=step["percepts"].copy(),
     )
-    # Where one outcome is certain a step is what it was.
+    # A step with one certain outcome does not change.
     several = step["legal"] & (np.count_nonzero(branch["p"], axis=2) > 1)
     for x in np.flatnonzero(several.any(axis=1)).tolist():
         back = detours_to(dynamics, target, x)
@@ -81,11 +81,11 @@ def plan_steps(dynamics: Dynamics) -> PlanSteps:
 
 
 def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
-    """Go to x `goal` by the cheapest paths along the likeliest outcomes; with all outcomes.
+    """Compute cost, discount factor and failure of the cheapest way to x `goal` from every state.
 
-    The policy is Dijkstra's, against the arrows from the goal; its figures solve C = c + g P C,
-    D = g P D with D = 1 at the goal, and L = g P L with L = 1 where no path leads to it. Where an
-    object is to be put down a path must be sure: that is `paths_back`.
+    The policy is found by Dijkstra's algorithm from the goal backwards, along the most probable
+    outcomes. Its values include all outcomes: they solve C = c + g P C, D = g P D with D = 1 at the
+    goal, and L = g P L with L = 1 in states from which no path leads to the goal.
     """
     step = dynamics.step
     n_states = len(step)
@@ -101,9 +101,9 @@ def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
         for source, a in np.argwhere(step["legal"] & (target == x)).tolist():
             if not settled[source]:
                 heapq.heappush(queue, (distance + float(step["cost"][source, a]), source, a))
-    # (I - g P) (C, D, L) = what each x adds: its cost, at the goal 1, where no path leads back 1
+    # (I - g P) (C, D, L) = (cost, 1 at the goal, 1 without a path)
     on_path = np.flatnonzero(settled & (np.arange(n_states) != goal))
-    moves = np.zeros((n_states, n_states))  # g P of the policy; rows of its ends stay 0
+    moves = np.zeros((n_states, n_states))  # g P of the policy; rows of final states stay 0
     cost = np.zeros(n_states)
     for x in on_path.tolist():
         a = behavior[x]
@@ -116,23 +116,23 @@ def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
 
 @by_reference
 class ShortestPaths(NamedTuple):
-    """Cheapest path from each x to a percept of each behavior, along the likeliest outcomes.
+    """Cheapest path from each x to a percept of each behavior, along the most probable outcomes.
 
-    Cost, discount and the chance to get lost count the other outcomes, as those of `PlanSteps`.
+    Cost, discount factor and probability of failure include the other outcomes, as in `PlanSteps`.
     """
 
-    target: Ints  # (X,E) where a behavior leads
-    senses: NDArray[np.bool_]  # (X,E) does it perceive?
-    first_action: Ints  # (X,E) first behavior of the path, -1 where there is none
-    end: Ints  # (X,E) x afterwards
-    cost: Floats  # (X,E) s, discounted
-    discount: Floats  # (X,E) factor on what comes afterwards
-    lost: Floats  # (X,E) discounted Pr(the path is lost before its end, and answered)
-    observation_counts: Ints  # (X,E,E) percepts gathered on it, the last included
-    gathered: Ints  # (X,E,G) behaviors of these percepts, rising, padded by -1
+    target: Ints  # (X,E) x after the most probable outcome of a behavior
+    senses: NDArray[np.bool_]  # (X,E) does this outcome have a percept?
+    first_action: Ints  # (X,E) first behavior of the path; -1 if there is no path
+    end: Ints  # (X,E) x at the end
+    cost: Floats  # (X,E) discounted cost in seconds
+    discount: Floats  # (X,E) discount factor at the end
+    lost: Floats  # (X,E) discounted Pr(the path cannot be completed); the robot then answers
+    observation_counts: Ints  # (X,E,E) numbers of percepts on the path, including the last one
+    gathered: Ints  # (X,E,G) behaviors of these percepts in increasing order, padded by -1
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
-        """Return the behaviors from x to a percept of one of them; empty where none leads there."""
+        """Return the behaviors from x to a percept of one behavior; empty if there is no path."""
         a = int(self.first_action[x, behavior])
         if a < 0:
             return ()
@@ -172,7 +172,7 @@ def find_shortest_paths(steps: PlanSteps, legal: Bools) -> ShortestPaths:
 
 
 def _behaviors_of(observation_counts: Ints) -> Ints:
-    """Return the behaviors with percepts of counts (X,E,E), rising, as (X,E,G) padded by -1."""
+    """Return the behaviors with percepts in counts (X,E,E), in order, as (X,E,G) padded by -1."""
     gathers = observation_counts > 0
     most = int(gathers.sum(axis=2).max(initial=0))
     # A stable sort puts the behaviors that gather first, in their order.
@@ -201,18 +201,18 @@ def _record_path(
 
 @dataclass(frozen=True, eq=False)
 class DiagramPaths:
-    """What plans need of a diagram; made once for all MOMDPs that share it."""
+    """Steps and paths of plans on a diagram, which all MOMDPs with this diagram share."""
 
     dynamics: Dynamics
     steps: PlanSteps
     shortest: ShortestPaths
 
 
-_diagrams: dict[object, DiagramPaths] = {}  # by the identity of dynamics that they hold
+_diagrams: dict[object, DiagramPaths] = {}  # cache, by the identity of the dynamics
 
 
 def diagram_of(dynamics: Dynamics) -> DiagramPaths:
-    """Find the steps of plans and the shortest paths of a diagram, once."""
+    """Return the steps of plans and the shortest paths of a diagram, which are cached."""
 
     def make() -> DiagramPaths:
         steps = plan_steps(dynamics)

@@ -74,8 +74,8 @@ class OpenLoopPolicy:
     ) -> tuple[Floats, Floats, Floats]:
         """Estimate the value (E,) of the best plan of each first behavior, its bonus and its error.
 
-        The value is -inf where there is no plan. The error (E,) is the standard error of the mean
-        over sampled outcomes, 0 where all outcomes are enumerated.
+        The value is -inf if there is no plan. The error (E,) is the standard error of the mean over
+        sampled outcomes, and 0 if all outcomes are enumerated.
         """
         momdp = self.momdp
         from_x = slice(*self.plans.first[belief.x : belief.x + 2])
@@ -83,10 +83,10 @@ class OpenLoopPolicy:
         planned = self.plans.observation_counts[from_x]
         most = np.minimum(np.maximum(percepts_left(momdp, belief), 0), PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
-        # Plans with equal percepts end alike.
+        # Plans with equal percepts have the same value at their end.
         counts, row = np.unique(coming, axis=0, return_inverse=True)
         row = row.ravel()
-        # lost S - cost, where S is what an answer at once is worth
+        # lost S - cost, where S is the value of answering now
         fixed = plan["lost"] * answer_value(momdp, belief) - plan["cost"]
         pay = np.zeros(len(plan))
         if self.model.shaped:
@@ -111,13 +111,13 @@ class OpenLoopPolicy:
 
 
 def _mean_bonus(model: MOMDPArrays, belief: Belief) -> Floats:
-    """Compute what a percept of each behavior is paid, over the truths that are believed, (E,)."""
+    """Compute the expected bonus of a percept of each behavior under the belief, (E,)."""
     truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
     return np.asarray((model.bonus * truth[:, None]).sum(axis=(0, 2)))
 
 
 def _best_by_first(value: Floats, action: Ints, n_behaviors: int) -> Ints:
-    """Return the best plan of each first behavior, (E,); -1 where there is none."""
+    """Return the best plan of each first behavior, (E,); -1 if there is none."""
     best = np.full(n_behaviors, -1)
     ascending = np.argsort(value, kind="stable")
     best[action[ascending]] = ascending  # the last one written is the best

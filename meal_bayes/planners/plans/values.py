@@ -40,34 +40,34 @@ from meal_bayes.planners.plans.bayes_error import (
 
 _paid_share = kernel(paid_share)
 
-COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
-_ROUNDS = 3  # in which the thresholds of a question of yes or no are improved
+COMPUTED = 6  # largest number of computed plans for each first behavior at one belief
+_ROUNDS = 3  # rounds in which the thresholds of a yes-or-no question are improved
 
 PLAN = np.dtype([
     ("action", np.int64),  # first behavior
     ("cost", np.float64),  # s, discounted
-    ("discount", np.float64),  # factor on the report's value
-    ("lost", np.float64),  # discounted Pr(it ends off its path, with an answer at once)
-    ("end", np.int64),  # x in which it ends, along the likeliest outcomes
+    ("discount", np.float64),  # factor on the value of the report
+    ("lost", np.float64),  # discounted Pr(the plan cannot continue); the robot then answers at once
+    ("end", np.int64),  # x at the end, along the most probable outcomes
 ], align=True)  # fmt: skip
 
 
 @by_reference
 class Plans(NamedTuple):
-    """Open-loop plans, grouped by the x they start from."""
+    """Open-loop plans, grouped by the x in which they begin."""
 
     first: Ints  # (X+1,) plans of x are first[x] : first[x+1]
     plan: NDArray[np.void]  # (J,) records of `PLAN`
-    observation_counts: Ints  # (J,E) percepts gathered
-    expected_percepts: Floats  # (J,E) discounted: what a bonus pays for
-    row: Ints  # (J,N) of the table
+    observation_counts: Ints  # (J,E) numbers of percepts
+    expected_percepts: Floats  # (J,E) discounted expected numbers of percepts, for bonuses
+    row: Ints  # (J,N) rows of the table
     table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`;
-    # of yes or no, Pr(says yes | latent class)
+    # for yes-or-no questions, Pr(says yes | latent class)
 
 
 @by_reference
 class Evaluator(NamedTuple):
-    """All that valuing plans reads and writes."""
+    """The inputs and buffers of the kernels that compute values of plans."""
 
     model: MOMDPArrays
     plans: Plans
@@ -75,14 +75,14 @@ class Evaluator(NamedTuple):
 
 
 class BestPlans(NamedTuple):
-    """The best plan of each first behavior at some beliefs; value -inf where there is none."""
+    """The best plan of each first behavior at some beliefs; the value is -inf if there is none."""
 
     value: Floats  # (B,E)
     plan: Ints  # (B,E)
 
 
 def make_evaluator(model: MOMDPArrays, plans: Plans) -> Evaluator:
-    """Create the buffers for valuing plans; no percepts so far."""
+    """Create an evaluator without percepts so far."""
     most = int(np.diff(plans.first).max())
     return Evaluator(model, plans, make_scratch(model.percepts, most, len(plans.table)))
 
@@ -106,7 +106,7 @@ def _yes_or_no_value(conjunction, holds):
 
 @called_kernel
 def stop_value(model, conjunction, prob):
-    """Compute the value of ending now: of the best report or of the exit."""
+    """Compute the value of answering now: that of the best report, or of abstaining."""
     if conjunction is not None:
         holds = 1.0
         for i in range(prob.shape[0]):
@@ -116,7 +116,7 @@ def stop_value(model, conjunction, prob):
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
-        # Eq. 5 asks for all attributes: Pr(right) is the product of the likelier values'.
+        # A report is right if all attributes are (Eq. 5), so Pr(right) is a product.
         right *= max(b, 1.0 - b)
     report = mean_reward(model.incorrect, model.reward_range, right)
     return max(report, model.dynamics.exit_value)
@@ -124,16 +124,16 @@ def stop_value(model, conjunction, prob):
 
 @kernel
 def _lost_value(evaluator, conjunction, prob):
-    """Compute what an answer at once is worth, by the belief of now, where a plan gets lost."""
+    """Return the value of answering at the current belief, for plans that cannot continue."""
     lost = evaluator.scratch.lost
-    if lost[0] == np.inf:  # once for all plans at a belief
+    if lost[0] == np.inf:  # computed once for all plans at a belief
         lost[0] = stop_value(evaluator.model, conjunction, prob)
     return lost[0]
 
 
 @kernel
 def _bonus(evaluator, j):
-    """Sum what shaping pays along a plan, discounted."""
+    """Compute the discounted exploration bonus of a plan."""
     model = evaluator.model
     plans = evaluator.plans
     scratch = evaluator.scratch
@@ -160,16 +160,16 @@ def _threshold_error(table, t, g, prob, i):
 
 @kernel
 def _table_error(evaluator, t, prob, i):
-    """Return the error at the best threshold; if class is not truth, near the last best one."""
+    """Return the error at the best threshold; with several classes, at a local minimum."""
     table = evaluator.plans.table
     scratch = evaluator.scratch
     thresholds = table.shape[1]
-    # Where the class is the truth, the Bayes rule is a threshold next to the log-odds: the better
-    # of both stands, as what lies between them is no bound.
+    # If the class is the truth, the Bayes rule is between the two thresholds next to the log-odds.
+    # The better of the two is used, because interpolation would not give a bound.
     g = scratch.threshold[i]
     risk = _threshold_error(table, t, g, prob, i)
     beside = _threshold_error(table, t, g + 1, prob, i)
-    # Elsewhere it lies anywhere, but near to that of the last plan: go down the slope from there.
+    # Otherwise the best threshold is probably close to that of the last plan: descend from there.
     if not evaluator.model.percepts.class_is_truth:
         step = 1 if beside < risk else -1
         if beside < risk:
@@ -186,12 +186,12 @@ def _table_error(evaluator, t, prob, i):
     return min(risk, beside, scratch.chance[i], 1.0 - scratch.chance[i])
 
 
-# --- The end of a plan of yes or no
+# --- The end of a plan for a yes-or-no question
 
 
 @kernel
 def _as_literal(conjunction, i, scratch):
-    """Turn Pr(says yes, truth) of attribute i into Pr(taken to hold, literal's truth)."""
+    """Convert Pr(says yes, truth) of attribute i to Pr(literal accepted, truth of the literal)."""
     if not conjunction.literal[i]:
         b = scratch.chance[i]
         false = scratch.accepted[0, i]
@@ -202,9 +202,9 @@ def _as_literal(conjunction, i, scratch):
 
 @kernel
 def _score(evaluator, t, g, prob, i, weights):
-    """Value threshold g for attribute i: hits at weights[1], less alarms at weights[0].
+    """Return the score of threshold g for attribute i: weights[1] hits - weights[0] false alarms.
 
-    Pr(taken to hold, literal's truth) is put into column i of `accepted`.
+    Pr(literal accepted, truth of the literal) is written to column i of `accepted`.
     """
     table = evaluator.plans.table
     truth = evaluator.model.percepts.truth_of_class
@@ -221,18 +221,18 @@ def _score(evaluator, t, g, prob, i, weights):
 
 @called_kernel
 def _decide_literal(evaluator, t, prob, i, weights):
-    """Choose the threshold of the best `_score`, or to take the literal always, or never."""
+    """Choose the threshold with the best `_score`, or accept the literal always or never."""
     literal = evaluator.model.conjunction.literal[i]
     exact_rule = evaluator.model.percepts.class_is_truth
     accepted = evaluator.scratch.accepted
     thresholds = evaluator.plans.table.shape[1]
     b = evaluator.scratch.chance[i]
     q = b if literal else 1.0 - b
-    # To take the literal always: every hit (q), and every alarm (1 - q).
+    # The score of accepting the literal always: hits q and false alarms 1 - q.
     always = weights[1] * q - weights[0] * (1.0 - q)
     best = 0.0
     if weights[1] > 0.0:
-        # Yes where Pr(z | true) / Pr(z | false) times these odds exceeds 1.
+        # Yes if Pr(z | true) / Pr(z | false) times these odds exceeds 1.
         ratio = np.log((weights[1] + 1e-300) / (weights[0] + 1e-300))
         odds = log_odds(b) + (ratio if literal else -ratio)
         g = threshold_below(min(max(odds, -SPAN), SPAN), thresholds)
@@ -242,14 +242,14 @@ def _decide_literal(evaluator, t, prob, i, weights):
         if beside > best:
             best = beside
             g += 1
-        # Where classes are shared the best threshold may lie further off.
+        # If both truths share classes, the best threshold may be further away.
         while not exact_rule and 0 <= g + step < thresholds:
             beside = _score(evaluator, t, g + step, prob, i, weights)
             if beside <= best:
                 break
             best = beside
             g += step
-        _score(evaluator, t, g, prob, i, weights)  # leaves the best one's rates in `accepted`
+        _score(evaluator, t, g, prob, i, weights)  # writes the best rates to `accepted`
     if always >= max(best, 0.0):
         accepted[0, i] = 1.0 - q
         accepted[1, i] = q
@@ -260,7 +260,7 @@ def _decide_literal(evaluator, t, prob, i, weights):
 
 @called_kernel
 def _compute_literal(evaluator, j, prob, i, weights, first):
-    """Compute what `_decide_literal` reads from tables; of the first round once a row."""
+    """Like `_decide_literal`, but by enumeration; in the first round, once for each table row."""
     scratch = evaluator.scratch
     conjunction = evaluator.model.conjunction
     t = evaluator.plans.row[j, i]
@@ -282,9 +282,9 @@ def _compute_literal(evaluator, j, prob, i, weights, first):
 
 @called_kernel
 def _planned_yes_or_no(evaluator, j, prob, floor, enumerated):
-    """Compute the reward expected at the end of a plan; at most `floor` if it cannot beat that.
+    """Compute the expected reward of the answer at the end of a plan, by tables or enumeration.
 
-    By tables, or `enumerated`; see `_plan_value`.
+    If it cannot exceed `floor`, any value of at most `floor` is returned; see `_plan_value`.
     """
     conjunction = evaluator.model.conjunction
     accepted = evaluator.scratch.accepted
@@ -293,28 +293,28 @@ def _planned_yes_or_no(evaluator, j, prob, floor, enumerated):
     for i in range(n):
         b = evaluator.scratch.chance[i]
         holds *= b if conjunction.literal[i] else 1.0 - b
-    # What an assertion adds to a denial where it is right, and takes from it where it is wrong.
+    # The gain of an assertion over a denial if it is right, and the loss if it is wrong.
     gain = conjunction.gain
     loss = conjunction.loss
     deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
-    if deny + gain * holds <= floor:  # with percepts that tell all
+    if deny + gain * holds <= floor:  # the value with perfect percepts
         return deny + gain * holds
     for turn in range(_ROUNDS):
         for i in range(n):
-            # What the others do: at first as if they were known.
+            # The rates of the other literals; in the first round, they are treated as known.
             hits = 1.0
             asserts = 1.0
             for k in range(n if turn > 0 else 0):
                 if k != i:
                     hits *= accepted[1, k]
                     asserts *= accepted[0, k] + accepted[1, k]
-            # gain hits h - loss (asserts (h + f) - hits h): gained with h, and lost with f.
+            # gain hits h - loss (asserts (h + f) - hits h): the weights of h and f.
             weights = (loss * asserts, (gain + loss) * hits - loss * asserts)
             if enumerated:
                 _compute_literal(evaluator, j, prob, i, weights, turn == 0)
             else:
                 _decide_literal(evaluator, evaluator.plans.row[j, i], prob, i, weights)
-    # E[reward] = deny + gain Pr(assert, right) - loss Pr(assert, wrong); or assert in any case.
+    # E[reward] = deny + gain Pr(assert, right) - loss Pr(assert, wrong); or always assert.
     right = 1.0
     asserted = 1.0
     for i in range(n):
@@ -329,15 +329,15 @@ def _planned_yes_or_no(evaluator, j, prob, floor, enumerated):
 
 @kernel
 def _plan_value(evaluator, conjunction, j, prob, floor, enumerated, shared):
-    """Compute a plan's value by tables, or by its percepts; at most `floor` if it cannot beat that.
+    """Compute the value of a plan, by tables or by enumerating the outcomes of its percepts.
 
-    Where `enumerated`, the outcomes of its percepts are, after those of the trial so far.
-    `conjunction` is the model's; where it is None, kernels of yes or no are not compiled.
+    If the value cannot exceed `floor`, any value of at most `floor` is returned. `conjunction` is
+    that of the model; if it is None, the kernels of yes-or-no questions are not compiled.
     """
     model = evaluator.model
     plans = evaluator.plans
     scratch = evaluator.scratch
-    # V = bonus - c + lost S + g `mean_reward` = base + reward, which falls with every attribute:
+    # V = bonus - c + lost S + g `mean_reward` = base + reward, which decreases with each attribute:
     # base = bonus - c + lost S + g r-, and reward = g (r+ - r-) prod_i (1 - err_i) so far.
     plan = plans.plan[j]
     if conjunction is not None:
@@ -346,7 +346,7 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated, shared):
             pay += plan.lost * _lost_value(evaluator, conjunction, prob)
         if model.shaped:
             pay += _bonus(evaluator, j)
-        # V = pay + g V_end <= floor, solved for V_end: below it thresholds need not be improved.
+        # V = pay + g V_end <= floor, solved for V_end.
         least = (floor - pay) / plan.discount if floor > -np.inf else -np.inf
         return pay + plan.discount * _planned_yes_or_no(evaluator, j, prob, least, enumerated)
     base = plan.discount * model.incorrect - plan.cost
@@ -361,14 +361,14 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated, shared):
         t = plans.row[j, i]
         z = scratch.column[i]
         if not enumerated:
-            # Read once for all siblings that share a belief; elsewhere it hangs on the last plan.
+            # Read once for all siblings with the same belief, if it does not depend on the plan.
             if not (shared and model.percepts.class_is_truth):
                 error = _table_error(evaluator, t, prob, i)
             else:
                 if scratch.tabled[t, z] < 0.0:
                     scratch.tabled[t, z] = _table_error(evaluator, t, prob, i)
                 error = scratch.tabled[t, z]
-        else:  # once for all plans and beliefs that share the row
+        else:  # computed once for all plans and beliefs that share the row
             if scratch.error[t, z] < 0.0:
                 counts = plans.observation_counts[j]
                 scratch.error[t, z] = plan_error(model.percepts, counts, i, prob, scratch)
@@ -379,12 +379,12 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated, shared):
 
 @kernel
 def _is_tabled(evaluator, j):
-    """Test whether the tables hold a plan: its percepts are new, or of known rows."""
+    """Return whether the tables are valid for a plan: its percepts are new or have known rows."""
     percepts = evaluator.model.percepts
     total = evaluator.scratch.evidence.total
     for e in range(total.shape[0]):
         counts = evaluator.plans.observation_counts[j, e]
-        # Percepts of a row that is not known are exchangeable, not independent: earlier ones count.
+        # Percepts of an unknown row are exchangeable and not independent, so earlier ones matter.
         if counts > 0 and not percepts.rows_known[e] and total[e] > 0.0:
             return False
         if counts > percepts.limit[e] - total[e]:
@@ -394,7 +394,7 @@ def _is_tabled(evaluator, j):
 
 @kernel
 def _locate(evaluator, prob):
-    """Find each attribute's chance, and the threshold next to its log-odds."""
+    """Compute the probability of each attribute, and the threshold next to its log-odds."""
     scratch = evaluator.scratch
     thresholds = evaluator.plans.table.shape[1]
     for i in range(prob.shape[0]):
@@ -405,7 +405,7 @@ def _locate(evaluator, prob):
 
 @kernel
 def is_useless(model, x, a, total):
-    """Test whether a behavior cannot help: no other x, no informative percept, no bonus."""
+    """Return whether a behavior is useless: no other x, no informative percept, no bonus."""
     if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.bonus_limit[a]):
         return False
     if total[a] >= model.percepts.limit[a]:
@@ -418,7 +418,7 @@ def is_useless(model, x, a, total):
 
 @kernel
 def _most_promising(guess, count):
-    """Return the plan whose tabulated value is highest among those that must be computed."""
+    """Return the plan with the highest tabulated value among those that must be computed."""
     top = 0
     for j in range(1, count):
         if guess[j] > guess[top]:
@@ -428,28 +428,29 @@ def _most_promising(guess, count):
 
 @called_kernel
 def evaluate_plans(evaluator, x, prob, floor, drop_useless):
-    """Value the best plan from x by first behavior -> `scratch.value`; return the best value.
+    """Compute the values of the best plans from x by first behavior; return the best value.
 
-    `scratch.best` holds the plans, `scratch.bonus` what of their values shaping pays;
-    `scratch.evidence` are the percepts so far. Plans that the tables do not hold are computed in
-    the order of their tabulated values, which are nearly always too high, COMPUTED a behavior: to
-    leave some out keeps a lower bound.
+    Values are written to `scratch.value`, the plans to `scratch.best`, and the exploration bonuses
+    in the values to `scratch.bonus`; `scratch.evidence` contains the percepts so far. Plans for
+    which the tables are not valid are computed in the order of their tabulated values, which are
+    nearly always too high. At most COMPUTED plans of each behavior are computed; leaving out others
+    keeps a lower bound.
 
-    A finite `floor`, as a leaf of a tree has it, asks for the best of all plans alone, where it is
-    worth more; the floor is returned where none is. Then plans are cut short at the best so far in
-    place of the best of their first behavior, and errors computed before are used: an attribute's
-    belief is the same after equal `scratch.column`.
+    A finite `floor`, as in a leaf of a tree, means that only the best of all plans is needed; the
+    floor is returned if no plan is better. Then a plan is abandoned if it cannot exceed the best
+    value so far, and errors that were computed before are used again: the belief about an attribute
+    is the same for equal `scratch.column`.
 
-    With `drop_useless`, as where a robot decides, behaviors that cannot help have the value -inf.
-    Their plans, computed in other ways than what remains of them, may seem worth more; a robot
-    would follow them for ever. Then the best plans of graded percepts are computed, too: their many
-    outcomes fall between the thresholds of the tables.
+    With `drop_useless`, for decisions of a robot, useless behaviors have the value -inf. Because of
+    numerical differences between a plan and its rest, a useless behavior might seem better, and the
+    robot would repeat it forever. Then the best plans with more than two levels of percepts are
+    computed too, because many of their outcomes are between the thresholds of the tables.
     """
     plans = evaluator.plans
     scratch = evaluator.scratch
     out = scratch.value
     _locate(evaluator, prob)
-    scratch.lost[0] = np.inf  # not computed
+    scratch.lost[0] = np.inf  # not computed yet
     best_only = floor > -np.inf
     graded = drop_useless and evaluator.model.percepts.rows.shape[3] > 2
     best = floor
@@ -458,8 +459,8 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
     out[:] = -np.inf
     scratch.computed[:] = 0
     scratch.best[:] = -1
-    # The first round reads the tables, the second computes what they do not hold, best guess first;
-    # in one loop, so that the code of a plan's value is compiled once.
+    # The first half of the turns reads the tables. The second half computes other plans, in order
+    # of their tabulated values. There is one loop, so that `_plan_value` is compiled once.
     start = plans.first[x]
     count = plans.first[x + 1] - start
     for turn in range(2 * count):
@@ -472,18 +473,18 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
             if guess == -np.inf or (best_only and guess <= best):
                 break
             scratch.guess[top] = -np.inf
-        # A plan whose guess is no better than what its first behavior has got is not computed.
+        # Skip a plan whose tabulated value is not above the best value of its first behavior.
         a = plans.plan[j].action
         if enumerated:
             if guess <= out[a] or scratch.computed[a] >= COMPUTED:
                 continue
             scratch.computed[a] += 1
-        # A plan that cannot beat this is cut short.
+        # A plan that cannot exceed this value is abandoned.
         lowest = best if best_only else out[a]
         value = _plan_value(
             evaluator, evaluator.model.conjunction, j, prob, lowest, enumerated, best_only
         )
-        if enumerated and graded and _is_tabled(evaluator, j):  # both are bounds from below
+        if enumerated and graded and _is_tabled(evaluator, j):  # both are lower bounds
             value = max(value, guess)
         promising = value > lowest
         waits = promising and not enumerated and (graded or not _is_tabled(evaluator, j))
@@ -493,7 +494,7 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
             out[a] = value
             scratch.best[a] = j
             best = max(best, value)
-    # Of the sum, what is paid for exploring on the way; the rest is what the answer brings.
+    # The exploration bonus in the value; the rest is the reward of this trial.
     scratch.bonus[:] = 0.0
     if evaluator.model.shaped:
         for a in range(out.shape[0]):
@@ -508,7 +509,7 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
 
 @entry_kernel
 def _value_at_beliefs(evaluator, x, beliefs, drop_useless, value, plan):
-    """Value the best plan of each first behavior at beliefs (B,N,C) -> value, plan (B,E)."""
+    """Compute the best plan of each first behavior at beliefs (B,N,C) -> value, plan (B,E)."""
     for b in range(beliefs.shape[0]):
         evaluate_plans(evaluator, x, beliefs[b], -np.inf, drop_useless)
         for a in range(value.shape[1]):
@@ -519,9 +520,9 @@ def _value_at_beliefs(evaluator, x, beliefs, drop_useless, value, plan):
 def best_plans(
     evaluator: Evaluator, x: int, beliefs: Floats, *, drop_useless: bool = False
 ) -> BestPlans:
-    """Value the best plan of each first behavior from x at beliefs (B,N,C).
+    """Compute the best plan of each first behavior from x at beliefs (B,N,C).
 
-    See `evaluate_plans`; the evaluator holds the values at the last belief.
+    See `evaluate_plans`; the evaluator then contains the values at the last belief.
     """
     shape = len(beliefs), len(evaluator.scratch.value)
     best = BestPlans(value=np.empty(shape), plan=np.empty(shape, np.int64))
@@ -530,7 +531,7 @@ def best_plans(
 
 
 def plan_values(model: MOMDPArrays, plans: Plans, belief: Belief) -> Evaluator:
-    """Value the best plan of each first behavior -> `scratch.value` (E,) of the evaluator."""
+    """Return an evaluator whose `scratch.value` (E,) has the best plan of each first behavior."""
     evaluator = make_evaluator(model, plans)
     evidence = evaluator.scratch.evidence
     evidence.counts[:] = belief.percept_counts

@@ -15,16 +15,16 @@ from meal_bayes.planners.table.grid import value_after
 
 @called_kernel
 def value_leaf(evaluator, reader, tree, child):
-    """Value a new node: the best of ending and of what plans or the table say -> its record.
+    """Write the value of a new node: the best of answering and of the plans' or table's value.
 
-    The errors in `scratch` are those of its siblings, too: `_value_children` clears them.
+    The errors in `scratch` are shared with the siblings of the node; `_value_children` clears them.
     """
     model = evaluator.model
     scratch = evaluator.scratch
     leaf = tree.node[child]
     prob = tree.prob[child]
     if reader is None:
-        # Siblings that show an attribute the same level share its belief, and so its errors.
+        # Siblings with the same level of an attribute share its belief and its errors.
         for i in range(prob.shape[0]):
             scratch.column[i] = tree.level[child, i] + 1
         leaf.value = evaluate_plans(evaluator, leaf.x, prob, leaf.stop, np.bool_(False))
@@ -40,9 +40,9 @@ def value_leaf(evaluator, reader, tree, child):
 
 @called_kernel
 def value_behaviors(evaluator, reader, x, prob):
-    """Value the behaviors from x -> `scratch.value` (E,), -inf where one cannot help.
+    """Write the values of the behaviors from x into `scratch.value` (E,); -inf if useless.
 
-    What of it shaping pays is in `scratch.bonus`; where a table is read there is no shaping.
+    The exploration bonus in the value is written into `scratch.bonus`; with a table, there is none.
     """
     model = evaluator.model
     scratch = evaluator.scratch

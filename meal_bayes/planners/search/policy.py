@@ -51,7 +51,7 @@ from meal_bayes.planners.solver import (
 )
 from meal_bayes.planners.table.policy import Factored, FactoredPolicy
 
-_TABLE_WORK = 3.4e9  # multiplications that a table may take: the first decision waits for it, .8 s
+_TABLE_WORK = 3.4e9  # largest number of multiplications for a table, .8 s at the first decision
 _BACKUPS = ("expected", "sampled")
 
 
@@ -122,7 +122,7 @@ class POMCPPolicy:
     simulations).
     """
 
-    deterministic = True  # given its generator; a decision may be remembered
+    deterministic = True  # given the state of the generator, so decisions may be cached
 
     def __init__(self, momdp: MOMDP, settings: POMCP) -> None:
         self.momdp = momdp
@@ -166,13 +166,13 @@ class POMCPPolicy:
         """Choose the action with the best value, by search if bounds do not decide."""
         momdp = self.momdp
         belief = history.belief
-        if momdp.coupled:  # nodes of the tree hold attributes that are independent
+        if momdp.coupled:  # nodes of the tree store independent beliefs
             samples = max(SAMPLES, self.settings.simulations)
             return OpenLoopPolicy(momdp, self.model, self.plans, samples).decide(history, rng)
         end = None
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
-        # What needs no comparison, then what bounds decide; only what is left is searched.
+        # First check whether there is a choice, then whether bounds decide; otherwise search.
         certain = _certain(momdp, belief)
         if certain is not None:
             return certain
@@ -186,7 +186,7 @@ class POMCPPolicy:
         decision = _settled(momdp, belief, lower, bonus, upper)
         if decision is None:
             decision = self._search(end, belief, evaluator, rng)
-        if self.tables is None:  # with a table nothing is paid for exploring
+        if self.tables is None:  # with a table, there is no exploration bonus
             return decision
         action = decision.action
         worth = lower[action] if action < momdp.n_behaviors else decision.values[-1]
@@ -195,20 +195,20 @@ class POMCPPolicy:
     def _search(
         self, end: float | None, belief: Belief, evaluator: Evaluator, rng: np.random.Generator
     ) -> Decision:
-        """Decide by a tree; the evaluator holds the lower bounds of the behaviors."""
+        """Decide by a tree search; the evaluator contains lower bounds for the behaviors."""
         settings = self.settings
         momdp = self.momdp
         model = self.model
-        width = model.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
+        width = model.dynamics.branch.shape[2] * ENUMERATE  # largest number of new nodes at once
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
-        # What plans say holds where no simulation follows; the first one opens the root anew.
+        # Without simulations, the values of plans are used; the first simulation opens the root.
         tree.edge["value"][0] = evaluator.scratch.value  # before simulations
         tree.edge["bonus"][0] = evaluator.scratch.bonus
         tree.edge["first"][0] = -1
         counts = evaluator.scratch.evidence.counts.copy()
         sampled = make_sampled(model.percepts, tree.prob[0].copy(), counts)
         reader = self.tables.estimate_reader() if self.tables is not None else None
-        # c is a fraction of r+ - r-, so that an agent need not know the scale of rewards.
+        # c is a fraction of r+ - r-, so it does not depend on the scale of rewards.
         exploration = settings.exploration * model.reward_range if reader is None else 0.0
         averaged = settings.backup == "sampled"
         with _kernel_generator(rng) as kernel_rng:
@@ -243,11 +243,12 @@ class POMCPPolicy:
 
 
 def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
-    """Return the decision where nothing is left to choose, else None.
+    """Return the decision if there is only one reasonable action, and otherwise None.
 
-    Where nothing can be done it is the answer. Where one behavior can, it is that if a report is
-    worse for certain: if it is worth less than going for a first percept of some behavior and then
-    reporting, where each attribute is judged by the one percept on the way that tells most of it.
+    If no behavior is legal, the action is the answer. If one behavior is legal, the action is this
+    behavior if answering now is certainly worse. This is so if its value is below that of a plan
+    that goes on to the first percept of some behavior and then reports each attribute by the most
+    informative percept on the way.
     """
     dynamics = dynamics_of(momdp)
     legal = np.flatnonzero(dynamics.step["legal"][belief.x])
@@ -258,8 +259,8 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
     shortest = diagram_of(dynamics).shortest
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
     available = percepts_left(momdp, belief) > 0
-    # Pr(right) >= prod_i (1 - min over percepts on the path of Bayes error_i); V = g V_end - c, and
-    # where the path gets lost it is answered at once.
+    # Pr(right) >= prod_i (1 - min over percepts on the path of Bayes error_i); V = g V_end - c. If
+    # the path cannot be completed, the robot answers at once.
     on_path = (shortest.observation_counts[belief.x] > 0) & available  # (goal,E)
     least = np.where(on_path[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
     ending = answer_value(momdp, belief)
@@ -281,13 +282,13 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
 def _settled(
     momdp: MOMDP, belief: Belief, lower: Floats, bonus: Floats, upper: Floats
 ) -> Decision | None:
-    """Decide by bounds alone, where an action is worth at least what any other is at most.
+    """Decide by bounds if the lower bound of one action is at least the upper bounds of all others.
 
-    Bounds (E,) are of the sum of what the trial brings and of the bonus for exploring.
+    Bounds (E,) are for the sum of reward and exploration bonus. Otherwise, return None.
     """
     action, values, bonuses = choose(momdp, belief, lower, bonus)
     answers = action >= len(lower)
-    # An answer, last, is worth what it is: nothing is paid for it, and no bound is needed.
+    # The value of the answer (the last entry) is exact, and it has no bonus.
     worth = values[-1] if answers else lower[action]
     others = np.append(np.where(np.isfinite(lower), upper, -np.inf), values[-1])
     others[len(lower) if answers else action] = -np.inf
@@ -296,7 +297,7 @@ def _settled(
 
 
 class _KernelGenerator(threading.local):
-    """One generator a thread for the kernels: numba keeps every one that it was ever given."""
+    """One generator per thread for the kernels, because numba keeps a reference to each one."""
 
     def __init__(self) -> None:
         self.generator = np.random.Generator(np.random.PCG64(0))
@@ -307,7 +308,7 @@ _KERNEL = _KernelGenerator()
 
 @contextlib.contextmanager
 def _kernel_generator(rng: np.random.Generator) -> Iterator[np.random.Generator]:
-    """Return a generator for the kernels that goes on where `rng` is, and `rng` where it ended."""
+    """Yield a generator for the kernels with the state of `rng`; then copy its state to `rng`."""
     if not isinstance(rng.bit_generator, np.random.PCG64):
         yield rng
         return
@@ -318,21 +319,21 @@ def _kernel_generator(rng: np.random.Generator) -> Iterator[np.random.Generator]
 
 
 def _simulate(grow: Callable[[int], int], end: float) -> tuple[int, float]:
-    """Grow a tree until this thread's CPU clock shows `end`, s: here a search ends.
+    """Grow a tree until the CPU clock of this thread reaches `end` (in seconds).
 
-    Returns the simulations made, one at least, and how long the first took, s. Whoever ends it
-    earlier, by what the tree says so far, looks between two calls of `grow`.
+    Returns the number of simulations, which is at least one, and the time of the first one in
+    seconds.
     """
     begin = time.thread_time()
     first = 0.0
     total = 0
-    chunk = 1  # simulations between two looks at the clock
+    chunk = 1  # simulations between two checks of the clock
     while True:
         made = grow(chunk)
         total += made
         now = time.thread_time()
         first = first or now - begin
-        # As many as fit the time left at the pace so far; a tenth is kept for the decision.
+        # The number that fits into 90 % of the remaining time; the rest is for the decision.
         fitting = int(0.9 * (end - now) * total / max(now - begin, 1e-9))
         if made < chunk or fitting < 1:
             return total, first

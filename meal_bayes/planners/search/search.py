@@ -1,6 +1,6 @@
-"""POMCP's tree search, read from the top: simulate, select, expand, value, execute, back up.
+"""The tree search of POMCP, in the order of a simulation: select, expand, value, execute, back up.
 
-The tree and the sampled MOMDPs are in `tree`, what plans or a table say of its leaves in `leaves`.
+The tree and the sampled MOMDPs are in `tree`, and the values of leaves in `leaves`.
 """
 
 from typing import NamedTuple
@@ -21,22 +21,22 @@ from meal_bayes.planners.search.tree import (
     draw_root_object,
 )
 
-ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
-DRAWN = 24  # children of an edge with more
+ENUMERATE = 64  # largest number of percept vectors for which an edge gets a child for each
+DRAWN = 24  # number of sampled children of an edge with more percept vectors
 
 
 @by_reference
 class Growing(NamedTuple):
-    """How a tree is to grow."""
+    """Settings of the growth of a tree."""
 
     simulations: int
     exploration: float  # UCB1's constant, s of reward
-    averaged: bool  # do edges average returns? else they take the expectation over outcomes
+    averaged: bool  # do edges average returns? otherwise they use the expectation over outcomes
 
 
 @by_reference
 class TreeSearch(NamedTuple):
-    """A tree that grows."""
+    """A tree, its sampled MOMDP, and the settings of its growth."""
 
     tree: Tree
     sampled: Sampled
@@ -47,7 +47,7 @@ class Return(NamedTuple):
     """Return of a simulation from a step on."""
 
     value: float
-    bonus: float  # the part of it that shaping pays
+    bonus: float  # the exploration bonus in it
 
 
 class Edge(NamedTuple):
@@ -62,7 +62,7 @@ class BranchOutcome(NamedTuple):
 
     node: Index
     behavior: Index
-    percept: Index  # its levels as digits, of the informative attributes alone; -1 = to be drawn
+    percept: Index  # levels of informative attributes as digits of a number; -1 = draw the percept
 
 
 @entry_kernel
@@ -87,29 +87,29 @@ def grow_tree(evaluator, search, reader, rng):
         draw_root_object(model.percepts, sampled, rng)
         node = np.int64(0)
         depth = 0
-        value = 0.0  # of the last node: what follows of the return
-        bonus = 0.0  # the part of it that shaping pays
+        value = 0.0  # value of the last node
+        bonus = 0.0  # the exploration bonus in it
         is_new = False
         while depth < DEPTH and not is_new:
-            # A node's edges begin with what its leaf evaluator says of each behavior.
+            # The edges of a node begin with the leaf evaluator's values of the behaviors.
             x = tree.node[node].x
             if tree.node[node].visits == 0:
                 value_behaviors(evaluator, reader, x, tree.prob[node])
                 _open_node(scratch, tree, node)
             tree.node[node].visits += 1
-            # Select, or end here: the report's value is exact, and needs no further simulation.
+            # Select a behavior, or end with the answer, whose value is exact.
             a = _select(tree, node, search.growing.exploration)
             value = tree.node[node].stop
             bonus = 0.0
             if a < 0:
                 break
-            # An edge that is new gets its children, and the simulation ends in one of them.
+            # A new edge gets its children, and the simulation ends in one of them.
             edge = Edge(node, a)
             is_new = tree.edge[node, a].first < 0
             if is_new:
                 _expand(model, scratch, tree, edge, rng)
                 _value_children(evaluator, tree, reader, edge)
-            # Execute in the sampled MOMDP, and note the step's node, action, bonus and reward.
+            # Execute in the sampled MOMDP; store node, action, bonus and reward of the step.
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0] = node
             sampled.path[depth, 1] = a
@@ -148,11 +148,11 @@ def _select(tree, node, exploration):
     """Choose by UCB1 among the behaviors; ending has no variance and so no bonus. -1 = end."""
     best = -1
     best_score = tree.node[node].stop
-    # Of ln n(node) and n(node, a): a visit more each, so that an edge never tried is finite, too.
+    # One visit is added to n(node) and n(node, a), so that the score of a new edge is finite.
     spread = np.log(tree.node[node].visits + 1.0)
     for a in range(tree.edge.shape[1]):
         edge = tree.edge[node, a]
-        if edge.value > -np.inf:  # else it is illegal, or cannot help
+        if edge.value > -np.inf:  # otherwise it is illegal or useless
             # Q(node, a) + c sqrt(ln n(node) / n(node, a))
             score = edge.value + exploration * np.sqrt(spread / (edge.visits + 1.0))
             if score > best_score:
@@ -169,11 +169,11 @@ def _expand(model, scratch, tree, edge, rng):
     outcomes = 1.0
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
-        # K^n outcomes, of the n attributes that the behavior informs of.
+        # K^n outcomes, for the n attributes about which the behavior is informative.
         outcomes *= scratch.evidence.counts.shape[2] if model.percepts.informative[i, a] else 1
     total = scratch.evidence.total
     bonus = _step_bonus(model, x, a, scratch.chance, total)
-    # R(x, b, a) = bonus - cost; what follows is added when the edge is backed up.
+    # R(x, b, a) = bonus - cost; later rewards are added when the edge is backed up.
     tree.edge[node, a].step_bonus = bonus
     tree.edge[node, a].reward = bonus - model.dynamics.step[x, a].cost
     tree.edge[node, a].first = tree.size[0]
@@ -184,8 +184,8 @@ def _expand(model, scratch, tree, edge, rng):
         if branch.p <= 0.0:
             break
         for outcome in range(int(outcomes) if listed else DRAWN):
-            # The next free node becomes the child: p = Pr(branch) Pr(percept), by which `_perceive`
-            # multiplies, or an equal part of the branch if the percept is drawn.
+            # The next free node becomes the child. Its probability is Pr(branch) Pr(percept), where
+            # `_perceive` multiplies the second factor, or Pr(branch) / DRAWN for drawn percepts.
             child = tree.node[tree.size[0]]
             prob = tree.prob[tree.size[0]]
             tree.level[tree.size[0]][:] = -1
@@ -200,7 +200,7 @@ def _expand(model, scratch, tree, edge, rng):
             else:  # no percept: one child for the branch
                 child.p = branch.p if outcome == 0 else 0.0
             if child.p > 0.0:
-                # An outcome of probability 0 takes no node: the next one overwrites it.
+                # The node of an outcome with probability 0 is overwritten by the next one.
                 child.x = branch.x
                 child.visits = 0
                 child.stop = stop_value(model, model.conjunction, prob)
@@ -221,7 +221,7 @@ def _perceive(percepts, evidence, tree, outcome, rng):
         tree.level[child, i] = 0
         if not percepts.informative[i, a]:
             continue
-        # The outcome's number holds the levels as digits to the base K, one an informed attribute.
+        # The number of the outcome has the levels as digits to the base K.
         z = np.int64(0) if drawn else digits % levels
         p = condition(percepts, evidence, Percept(i, a, z), prob, tree.prob[child])
         if not drawn:
@@ -237,7 +237,7 @@ def _perceive(percepts, evidence, tree, outcome, rng):
 
 @called_kernel
 def _value_children(evaluator, tree, reader, edge):
-    """Value the children of a new edge by the leaf evaluator."""
+    """Compute the values of the children of a new edge with the leaf evaluator."""
     scratch = evaluator.scratch
     node, a = edge
     scratch.error[:] = -1.0
@@ -250,15 +250,15 @@ def _value_children(evaluator, tree, reader, edge):
 
 @called_kernel
 def _execute(model, tree, sampled, edge, rng):
-    """Execute a behavior in the sampled MOMDP; return the child that it leads to.
+    """Execute a behavior in the sampled MOMDP; return the resulting child.
 
-    Where not all outcomes have a child, the percept may have none: then one of them is drawn.
+    If only some outcomes have children and the percept has none, one of the children is drawn.
     """
     dynamics = model.dynamics
     percepts = model.percepts
     node, a = edge
     x = tree.node[node].x
-    # The branch by inversion, and a percept of the sampled object, into a node that is free.
+    # Draw the branch by inversion, and a percept of the sampled object into a free node.
     u = rng.random()
     k = 0
     while k < dynamics.branch.shape[2] - 1:
@@ -267,9 +267,9 @@ def _execute(model, tree, sampled, edge, rng):
             break
         u -= p
         k += 1
-    level = tree.level[tree.size[0]]  # of no node yet: it holds the percept for a moment
+    level = tree.level[tree.size[0]]  # the next free node stores the percept temporarily
     draw_percept(percepts, sampled, a, level, rng)
-    # The sibling that shows these levels, or one of the branch at random (reservoir sampling).
+    # The child with these levels, or a random child of the branch (reservoir sampling).
     first = tree.edge[node, a].first
     successor = first
     siblings = 0
@@ -291,13 +291,13 @@ def _execute(model, tree, sampled, edge, rng):
 
 @called_kernel
 def _back_up_path(evaluator, search, node, depth, leaf):
-    """Back up a simulation from its last node; the percepts on the way are removed."""
+    """Back up a simulation from its last node, and remove its percepts from the counts."""
     tree = search.tree
     sampled = search.sampled
     value = leaf.value
     bonus = leaf.bonus
     for t in range(depth - 1, -1, -1):
-        # The step's percept leaves the counts, so that they are those at its node again.
+        # Remove the percept of the step, so that the counts are those at its node again.
         a = sampled.path[t, 1]
         _count_percept(evaluator.scratch.evidence, tree.level[node], a, -1.0)
         node = sampled.path[t, 0]
@@ -310,9 +310,9 @@ def _back_up_path(evaluator, search, node, depth, leaf):
 
 @kernel
 def _back_up(tree, edge, discount, outcome, averaged):
-    """Update an edge by a return, averaged, or by the exact expectation; then its node.
+    """Update an edge by the mean return or by the exact expectation, and then its node.
 
-    The value of a node is that of its best action; its bonus is that of this action.
+    Value and bonus of a node are those of its best action.
     """
     node, a = edge
     record = tree.edge[node, a]
@@ -340,7 +340,7 @@ def _back_up(tree, edge, discount, outcome, averaged):
 
 @called_kernel
 def _keep_rows(tree, sampled):
-    """Keep the sampled rows of the simulation's first behavior, for the decision to show."""
+    """Store the sampled rows of the first behavior, which the decision shows."""
     a = sampled.path[0, 1]
     last = (tree.edge[0, a].visits - 1) % KEPT
     for i in range(sampled.latent.shape[0]):
@@ -355,7 +355,7 @@ def _step_bonus(model, x, a, chance, total):
     if model.shaped and total[a] < model.bonus_limit[a]:
         for i in range(chance.shape[0]):
             b = chance[i]
-            # Eq. 11 is of a truth: E over the belief b.
+            # The bonus depends on the truth: take the expectation over the belief b.
             mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
             bonus += model.dynamics.step[x, a].percepts * mean
     return bonus

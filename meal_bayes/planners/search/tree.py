@@ -19,9 +19,9 @@ from meal_bayes.planners.momdp_arrays import Percepts
 from meal_bayes.planners.plans.bayes_error import predictive
 from meal_bayes.planners.solver import TreeEdge
 
-KEPT = 8  # sampled MOMDPs whose rows a decision keeps
-DEPTH = 60  # steps of one simulation
-_LOGGED = 40  # edges of the second level that a decision keeps
+KEPT = 8  # number of sampled MOMDPs whose rows a decision contains
+DEPTH = 60  # largest number of steps of a simulation
+_LOGGED = 40  # number of edges of the second level that a decision contains
 
 NODE = np.dtype([
     ("x", np.int64),
@@ -30,22 +30,22 @@ NODE = np.dtype([
     ("p", np.float64),  # Pr(this node | parent, behavior)
     ("stop", np.float64),  # value of the best report or exit, exact
     ("value", np.float64),  # best of report, exit and edges
-    ("bonus", np.float64),  # of it, what shaping pays
+    ("bonus", np.float64),  # the exploration bonus in it
 ], align=True)  # fmt: skip
 EDGE = np.dtype([
     ("visits", np.int64),
     ("first", np.int64),  # first child, -1 before any
-    ("count", np.int64),  # children, which stand in a row
-    ("reward", np.float64),  # of the step: its bonus less its cost
-    ("step_bonus", np.float64),  # of it, the bonus
+    ("count", np.int64),  # number of children, which are consecutive
+    ("reward", np.float64),  # of the step: its bonus minus its cost
+    ("step_bonus", np.float64),  # the bonus in it
     ("value", np.float64),
-    ("bonus", np.float64),  # of it, what shaping pays
+    ("bonus", np.float64),  # the exploration bonus in it
 ], align=True)  # fmt: skip
 
 
 @by_reference
 class Tree(NamedTuple):
-    """Nodes in the order in which they were made; the first is the root."""
+    """Nodes in the order of their creation; the first is the root."""
 
     size: Ints  # (1,) nodes in use
     node: NDArray[np.void]  # (S,) records of `NODE`
@@ -63,10 +63,10 @@ class Percept(NamedTuple):
 
 
 def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
-    """Create a tree of its root, for so many nodes."""
+    """Create a tree with a root, with memory for `capacity` nodes."""
     tree = Tree(
         size=np.ones(1, np.int64),
-        # Written where a node is made or opened: to clear all would take half a millisecond.
+        # Not initialized, because this would take half a millisecond; nodes are written when made.
         node=np.empty((capacity,), NODE),
         edge=np.empty((capacity, momdp.n_behaviors), EDGE),
         prob=np.empty((capacity, *belief.log_prob.shape)),
@@ -98,7 +98,7 @@ def standard_errors(tree: Tree) -> Floats:
 
 
 def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
-    """Return the first two levels of the tree, of the second the most visited edges."""
+    """Return the edges of the first level of the tree, and the most visited of the second."""
     root = tree.edge[0]
     actions = np.flatnonzero(root["visits"]).tolist()
     first = [
@@ -149,7 +149,7 @@ class Sampled(NamedTuple):
     recent: Floats  # (E,KEPT,N,K) rows of the last simulations that began with a behavior
     path: Ints  # (DEPTH,2) nodes and behaviors of the simulation
     reward: Floats  # (DEPTH,) rewards of its steps
-    bonus: Floats  # (DEPTH,) of them, what shaping pays
+    bonus: Floats  # (DEPTH,) the exploration bonuses in them
 
 
 def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
@@ -171,9 +171,9 @@ def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
 
 @called_kernel
 def draw_root_object(percepts, sampled, rng):
-    """Draw the object of a simulation at the root: of each attribute a latent class and a truth.
+    """Draw the object of a simulation at the root: a latent class and a truth for each attribute.
 
-    Rows are drawn when they are needed first.
+    Rows of the confusion matrices are drawn later, when they are first needed.
     """
     sampled.drawn[:] = False
     for i in range(sampled.prob.shape[0]):
@@ -184,7 +184,7 @@ def draw_root_object(percepts, sampled, rng):
             u -= sampled.prob[i, c]
             c += 1
         sampled.latent[i] = c
-        # The truth given the class, which says all that percepts say of it.
+        # Given the class, the truth does not depend on the percepts.
         sampled.truth[i] = 1.0 if rng.random() < percepts.truth_of_class[i, 1, c] else 0.0
 
 
@@ -212,7 +212,7 @@ def _draw_rows(percepts, sampled, e, rng):
 
 @kernel
 def draw_percept(percepts, sampled, e, level, rng):
-    """Draw a percept of a behavior in the sampled MOMDP -> level (N,); its rows when first."""
+    """Draw a percept of a behavior in the sampled MOMDP, and write it into `level` (N,)."""
     levels = percepts.rows.shape[3]
     if not sampled.drawn[e]:
         sampled.drawn[e] = True
@@ -229,7 +229,7 @@ def draw_percept(percepts, sampled, e, level, rng):
 
 @kernel
 def condition(percepts, evidence, percept, prob, out):
-    """Condition a belief (N,C) on one attribute's percept -> its row of `out`; return Pr(level)."""
+    """Write the belief about one attribute after a percept into `out` (N,C); return Pr(level)."""
     i, e, z = percept
     # Pr(c | z) ~ Pr(c) (s c_z + n_z) / (s + n)
     count = evidence.counts[i, e, z]

@@ -15,30 +15,30 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.jit import by_reference, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import dynamics_of
 
-_LARGEST = 7.0  # log-odds to either side of even odds that the grid reaches
-_POINTS = 57  # of the grid
-_SWEEPS = 60  # at most
-_SETTLED = 1e-6  # of r+ - r-
-_LEAST = 1e-6  # rates, of yes and of no, are at least this
+_LARGEST = 7.0  # largest log-odds of the grid
+_POINTS = 57  # number of points of the grid
+_SWEEPS = 60  # largest number of sweeps
+_SETTLED = 1e-6  # change of values, in units of r+ - r-, below which iteration ends
+_LEAST = 1e-6  # smallest rate of yes and of no
 
 
 @by_reference
 class Problems(NamedTuple):
-    """What the kernel reads of B problems; priors are points of the grid."""
+    """Data of B problems for the kernel."""
 
     rates: Floats  # (B,E,2)
-    prior_position: Floats  # (B,R) among the points of the grid
-    worse: Bools  # (B,) do the next ones start from its values?
-    floor: Floats  # (G,) value of ending
+    prior_position: Floats  # (B,R) positions of the priors on the grid
+    worse: Bools  # (B,) do the next problems start from its values?
+    floor: Floats  # (G,) value of answering
     belief: Floats  # (G,)
-    width: float  # between points of the grid
-    settled: float  # the change of a sweep, s, at which there is no other
+    width: float  # distance between points of the grid
+    settled: float  # change of a sweep (in seconds) below which iteration ends
     start: int  # x
 
 
 @by_reference
 class Buffers(NamedTuple):
-    """What the kernel writes: G beliefs, E behaviors, X states without the terminal one."""
+    """Buffers of the kernel: G beliefs, E behaviors, X states without the terminal one."""
 
     value: Floats  # (X,G)
     earlier_value: Floats  # (X,G) of the last problem that others start from
@@ -52,22 +52,26 @@ class Buffers(NamedTuple):
 def batched_value_iteration(
     momdp: MOMDP, rates: Floats, prior: Floats, worse: Bools | None = None
 ) -> Floats:
-    """Compute the values of B single-attribute problems at their priors, s of reward.
-
-    Returns (B,), or (B,R) where each problem has R priors, which cost nothing more.
+    """Compute the values of B single-attribute problems at their priors, in seconds.
 
     Parameters
     ----------
     momdp : MOMDP
-        Of one attribute and unshaped; its diagram, costs, discount and rewards hold for all, its
-        rows for none.
+        Problem with one attribute and without bonus. Its diagram, costs, discount and rewards are
+        used for all problems; its confusion matrices are not used.
     rates : Floats
         (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
     prior : Floats
-        (B,) or (B,R) Pr(the attribute is true).
+        (B,) or (B,R) Pr(the attribute is true). More priors of a problem take no more time.
     worse : Bools, optional
-        (B,) problems in which no value is above that of the problems that follow, up to the next
-        such: these start from its values. By default each starts from answering at once.
+        (B,) problems whose values are lower bounds for the problems that follow, up to the next
+        such problem; the following problems start from these values. By default, each problem
+        starts from the value of answering at once.
+
+    Returns
+    -------
+    Floats
+        (B,) or (B,R) values at the priors.
     """
     prior = np.asarray(prior, float)
     if prior.ndim < 2:
@@ -110,18 +114,18 @@ def batched_value_iteration(
 
 @entry_kernel
 def _solve_each(step, branch, problems, scratch, values):
-    """Solve problem after problem, and write each one's values at its priors."""
+    """Solve one problem after another, and write the values at the priors."""
     value = scratch.value
     floor = problems.floor
     start = problems.start
     points = len(floor)
     for b in range(len(values)):
-        # From below: to answer at once, or a problem of worse percepts, is worth no more.
+        # Start from a lower bound: the value of answering, or of a problem with worse percepts.
         for x in range(len(value)):
             for g in range(points):
                 value[x, g] = floor[g] if problems.worse[b] else scratch.earlier_value[x, g]
         _lay_out_percepts(problems.rates[b], problems.belief, problems.width, scratch)
-        # Value iteration on the grid: each sweep is a Bellman backup of all x, until nothing moves.
+        # Value iteration on the grid: each sweep is a Bellman backup of all x.
         for _ in range(_SWEEPS):
             if _sweep(step, branch, floor, scratch) < problems.settled:
                 break
@@ -129,7 +133,7 @@ def _solve_each(step, branch, problems, scratch, values):
             for g in range(points):
                 if problems.worse[b]:
                     scratch.earlier_value[x, g] = value[x, g]
-        # V at a prior is linear between the two points beside its log-odds.
+        # V at a prior is interpolated linearly in log-odds.
         for r in range(values.shape[1]):
             position = problems.prior_position[b, r]
             low = min(int(position), points - 2)
@@ -139,7 +143,7 @@ def _solve_each(step, branch, problems, scratch, values):
 
 @kernel
 def _lay_out_percepts(rates, belief, width, scratch):
-    """Write Pr(z) at each belief, and by how many points z moves it; no moves the other way."""
+    """Write Pr(z) at each belief, and the number of grid points by which z moves the belief."""
     for e in range(len(rates)):
         for z in range(2):
             false = rates[e, 0] if z else max(1 - rates[e, 0], _LEAST)
@@ -197,7 +201,7 @@ def _add_expected(p, value, e, scratch):
             below = g + low
             above = below + 1
             upper_weight = fraction
-            # Beyond the grid values are those of its ends.
+            # Beyond the grid, values are those at its ends.
             if below < 0:
                 below = 0
                 above = 0

@@ -11,11 +11,11 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.jit import NO_BEHAVIOR, by_reference, entry_kernel, kernel
 
-_EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
-_WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
-_NEAREST = 1.3  # log-odds that an even axis reaches, at least,
-_INNER_STEP = 0.15  # and these more for each of its points
-_PERCEPTS = 1.5  # of the sharpest behavior that it reaches, at least; clean5 then earns 441.6 +- .5
+_EQUAL = 1e-12  # difference of rows below which they are equal up to rounding
+_WIDEST = 10.0  # largest distance of an axis from the prior in log-odds, before certainty
+_NEAREST = 1.3  # smallest distance that an even axis reaches in log-odds,
+_INNER_STEP = 0.15  # plus this distance for each of its points
+_PERCEPTS = 1.5  # smallest distance in percepts of the most informative behavior
 
 
 @by_reference
@@ -32,7 +32,7 @@ class Table(NamedTuple):
         return [row[:size] for row, size in zip(self.points, self.size, strict=True)]
 
     def combined(self, parts: Iterable[Floats], combine: np.ufunc) -> Floats:
-        """Combine numbers (..,G) of each axis's points into one a point of the grid, (..,B)."""
+        """Combine numbers (..,G) at the points of the axes to numbers at all grid points (..,B)."""
         product, *others = parts
         for of_axis in others:
             pairs = combine(product[..., None], of_axis[..., None, :])
@@ -42,12 +42,12 @@ class Table(NamedTuple):
 
 @by_reference
 class Reader(NamedTuple):
-    """A table, and what reads the values that are expected of it after a percept."""
+    """A table, with the arrays for expected values after a percept."""
 
     table: Table
     rows: Floats  # (N,E,2,K) Pr(level | truth)
     moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
-    beside: Floats  # (2,M) points beside next beliefs and their weights; of one axis in the end
+    beside: Floats  # (2,M) buffer: points next to beliefs, and weights; the end is for one axis
 
 
 def make_table(axes: Sequence[Floats], value: Floats) -> Table:
@@ -66,7 +66,7 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
     old = table.value.reshape(leading, len(axes[attribute]), -1)
     below = old[:, low]
     above = old[:, high]
-    # U(new point) = (1 - w) U(below) + w U(above), in place: tables fill the memory.
+    # U(new point) = (1 - w) U(below) + w U(above), in place, because tables are large.
     below *= (1 - fraction)[:, None]
     above *= fraction[:, None]
     below += above
@@ -114,7 +114,7 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
 
 
 def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
-    """Build an axis even in log-odds, as far around the prior as the sharpest percept moves it.
+    """Build an axis that is even in log-odds and reaches as far as the most informative percept.
 
     Beliefs between the last point and certainty are interpolated linearly, which is imprecise.
     """
@@ -155,16 +155,16 @@ def _locate(table, i, prob):
 
 @kernel
 def _points_beside(reader, i, behavior, b):
-    """List the points beside the beliefs that may follow b after a percept, weighted by Pr(z).
+    """List the points next to the possible beliefs after a percept, weighted by Pr(z).
 
-    Bayes' rule: b' = b Pr(z | true) / Pr(z), Pr(z) = b Pr(z | true) + (1 - b) Pr(z | false).
-    Returns how many, at the end of `beside`.
+    Bayes' rule: b' = b Pr(z | true) / Pr(z), Pr(z) = b Pr(z | true) + (1 - b) Pr(z | false). The
+    points are written to the end of `beside`; the function returns their number.
     """
     rows = reader.rows
     levels = rows.shape[3]
     last = reader.beside.shape[1] - 2 * levels
     count = 0
-    # Where no percept moves the belief, the one "percept" is certain, and the belief stays.
+    # If no percept moves the belief, there is one certain "percept", and the belief stays.
     moved = behavior >= 0 and reader.table.size[i] > 1 and reader.moves[i, behavior]
     for z in range(levels if moved else 1):
         p = 1.0
@@ -177,7 +177,7 @@ def _points_beside(reader, i, behavior, b):
                 continue
             after = joint / p
         low, fraction = _locate(reader.table, i, after)
-        # Linear between the two points next to b'; at a point of the axis it is the only one.
+        # Linear interpolation between the two points next to b'.
         reader.beside[0, last + count] = low
         reader.beside[1, last + count] = p * (1.0 - fraction)
         count += 1
@@ -192,7 +192,7 @@ def _points_beside(reader, i, behavior, b):
 def value_after(reader, x, behavior, prob):
     """Compute the expected value at x of a belief (N,) after a percept of a behavior (none = -1).
 
-    The next belief in each attribute is spread over the points beside it, at most 2K of them.
+    The next belief about each attribute is interpolated between at most 2K points.
     """
     table = reader.table
     beside = reader.beside
@@ -204,7 +204,7 @@ def value_after(reader, x, behavior, prob):
     count = 1
     for i in range(prob.shape[0]):
         along = _points_beside(reader, i, behavior, prob[i])
-        for k in range(count - 1, -1, -1):  # from the end, as each makes way for several
+        for k in range(count - 1, -1, -1):  # from the end, because each is replaced by several
             offset = beside[0, k] * table.size[i]
             weight = beside[1, k]
             for j in range(along):

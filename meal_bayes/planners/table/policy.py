@@ -5,28 +5,32 @@ confusion matrices are known, the belief is always a product of N marginals b = 
 problem is solved by value iteration on a product grid of marginals, with multilinear interpolation
 and a start from above.
 
-*The bound.* (1) What a fixed policy earns is an expectation over the truth y of something that does
-not depend on b, and Pr(y) = prod_i Pr(y_i) is linear in each b_i. So the optimum V(x, b), the
-supremum over policies, is convex in each b_i while the others are held (in all of b at once it need
-not be). (2) Hence interpolation along one axis lies above V, and is still convex along the next, as
-its weights are >= 0: axis by axis, the multilinear interpolation I U of any U >= V on the grid lies
-above V everywhere. (3) A Bellman backup T is monotone and T V = V, so T I U >= V on the grid, and
-so is min(U, T I U). Started from a constant that no reward exceeds, every table is therefore an
-upper bound, however coarse the grid and however few the sweeps, and tight as the grid grows.
-Bonuses of shaping are linear in each b_i; geometric failures are summed out.
+*The bound.* (1) The reward of a fixed policy is an expectation over the truth y of a quantity that
+does not depend on b, and Pr(y) = prod_i Pr(y_i) is linear in each b_i. So the optimum V(x, b), the
+supremum over policies, is convex in each b_i while the others are fixed (but not necessarily in
+b). (2) Therefore linear interpolation along one axis lies above V. Its weights are >= 0, so the
+result is still convex along the next axis. By induction, the multilinear interpolation I U of any
+U >= V on the grid lies above V everywhere. (3) A Bellman backup T is monotone and T V = V, so
+T I U >= V on the grid, and min(U, T I U) >= V, too. If value iteration starts from a constant that
+no reward exceeds, every table is therefore an upper bound, for any grid and any number of sweeps,
+and it converges to V as the grid becomes finer. Exploration bonuses are linear in each b_i, and
+failures are marginalized out.
 
 *The policy* chooses the best action by one exact step of look-ahead, with values from a second
 table. On a coarse grid the bound overestimates the value of information, so its own policy would
 report too late. The second table is therefore computed with cubic interpolation in log-odds. Its
 values are not bounds, but much closer to the optimal ones.
 
-The table does not cover these cases:
+The table does not model these cases:
 
-- percepts that run out (`limit`): tables suppose that they never do, which can only raise the bound
-  (unless shaping takes pay away). Once percepts have run out, open-loop plans decide.
-- finite precision and several latent classes a truth: `Factored` refuses; plan with `POMCP`.
-- undiscounted behaviors that cost nothing and inform of nothing: going round them for ever is worth
-  what the table started from. The bound holds, but is idle, and the policy may go round.
+- A limited number of percepts (`limit`). Tables assume that it is unlimited, which can only
+  increase the bound (unless a bonus is negative). When percepts have run out, open-loop plans
+  decide.
+- Finite precision and several latent classes for one truth. `Factored` raises an error; use
+  `POMCP`.
+- Behaviors without discount, cost and information. The value of repeating them forever is the
+  constant with which the table begins. The bound is valid but useless, and the policy may repeat
+  them.
 """
 
 import itertools
@@ -50,22 +54,21 @@ from meal_bayes.planners.table import grid
 from meal_bayes.planners.table.grid import Reader, Table
 from meal_bayes.planners.table.sweep import Edges, Ending, make_backups, percepts_on, sweep
 
-_FINER = 8  # times `points` are those of the estimate, and of the bound of _MANY attributes
-# Attributes that a table holds, at most: with a sixth the coarsest grid, of seven points or more an
-# axis, is larger than the default `points` (`_coarsest` refuses it). With fewer, the bound has
-# points enough.
+_FINER = 8  # factor of `points` for the estimate, and for the bound with _MANY attributes
+# Largest number of attributes of a table. With six, the coarsest grid, of at least seven points on
+# each axis, is larger than the default `points`, and `_coarsest` raises an error.
 _MANY = 5
-_SWEEPS = 1_000  # at most; a table is a bound after any number of them
-_SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
-_SMOOTH_SWEEPS = 150  # the same of the estimate
+_SWEEPS = 1_000  # largest number of sweeps; a table is a bound after any number of them
+_SETTLED = 0.05  # change of a sweep, as a fraction of the tolerance, below which iteration ends
+_SMOOTH_SWEEPS = 150  # the same numbers for the estimate
 _SMOOTH_SETTLED = 0.1
-_SETTLED_AT_ONCE = 0.3  # the same where work is limited
-_INNER = (0, 101, 41, 25, 15)  # uncertain beliefs on an axis of the estimate, by N < 5
-_LEAST = 9  # fewer are no grid
-_COARSE = (3, 5, 7)  # inside, of the grids that come first where work is limited
-_FEWER = 0.6  # of their sweeps are those of the next one, about
-_BOUND_SHARE = 0.06  # of the work, where it is limited; the estimate is what the search reads
-_EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
+_SETTLED_AT_ONCE = 0.3  # the same if work is limited
+_INNER = (0, 101, 41, 25, 15)  # inner points on an axis of the estimate, by N < 5
+_LEAST = 9  # smallest number of inner points
+_COARSE = (3, 5, 7)  # inner points of the first grids, if work is limited
+_FEWER = 0.6  # approximate ratio of the numbers of sweeps of a grid and the previous one
+_BOUND_SHARE = 0.06  # fraction of limited work for the bound; the search uses the estimate
+_EVENLY = 30  # an evenly refined grid has at most 1/30 of the points
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +109,9 @@ class Factored:
         Raises
         ------
         SettingsError
-            Finite precision, several latent classes a truth, a bonus that is paid for so many
-            percepts, more attributes than `points` or behaviors than `work` allow, or rewards
-            without a bound.
+            If attributes are dependent, the precision is finite, a truth has several latent
+            classes, the number of percepts with a bonus is limited, there are too many attributes
+            for `points` or too many behaviors for `work`, or values are unbounded.
         """
         if momdp.joint is not None:
             raise SettingsError(
@@ -121,7 +124,7 @@ class Factored:
             raise SettingsError(
                 "Factored value iteration needs attributes without a group, and percepts that are "
                 "independent given the truth, with known rates (Eq. 8: infinite precision, one "
-                "latent class a truth); plan with POMCP."
+                "latent class for each truth); plan with POMCP."
             )
         if momdp.bonus_runs_out:
             raise SettingsError(
@@ -130,14 +133,14 @@ class Factored:
             )
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
-        # The bound is of the MOMDP as it is; the estimate prices free behaviors, which could go on.
+        # The bound uses the true costs; the estimate gives free behaviors a small cost.
         share = _BOUND_SHARE * self.work
         free = _ValueIteration(momdp, arrays_of(momdp, price=0.0), tolerance, share)
         many = free.edges.moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
         priced = _ValueIteration(momdp, arrays_of(momdp), tolerance, self.work - free.spent)
         estimate = priced.estimate(bound, _FINER * self.points)
-        # Rounded up, in float32, a table stays an upper bound.
+        # Values are rounded up to float32, so that a table stays an upper bound.
         tables = (
             table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
             for table in (bound, estimate)
@@ -147,7 +150,7 @@ class Factored:
 
 @dataclass(frozen=True, slots=True)
 class FactoredPolicy(ByValue):
-    """Policy of `Factored`: tables of upper bounds, and of estimates next to the optimum."""
+    """Policy of `Factored`, with a table of upper bounds and a table of estimates."""
 
     momdp: MOMDP
     model: MOMDPArrays
@@ -171,16 +174,15 @@ class FactoredPolicy(ByValue):
         return min(max(ending, ahead), value)
 
     def priced_bounds(self, x: int, prob: Floats) -> Floats:
-        """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal.
+        """Return bounds on the values of behaviors (E,) from x at marginals (N,); -inf if illegal.
 
-        Behaviors that cost next to nothing are priced, as in the estimate that these bounds hold
-        down. So the bound of a free one can lie below its value, by the price (1e-4 of r+ - r-) of
-        one step; `upper_bound` is certified.
+        As in the estimate, behaviors cost at least 1e-4 of r+ - r-. So the bound of a behavior
+        without cost can be below its value by this amount. `upper_bound` uses the true costs.
         """
         return self._values_ahead(self.bound, x, prob)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the best action by one step ahead of the estimate, which may pass the bound."""
+        """Choose the best action by one step of look-ahead with the estimate."""
         momdp = self.momdp
         belief = history.belief
         exhausted = (percepts_left(momdp, belief) <= 0) & (momdp.limit > 0)
@@ -193,7 +195,7 @@ class FactoredPolicy(ByValue):
         return replace(decision, bonus=None) if self.model.shaped else decision  # tables hold sums
 
     def estimate_reader(self) -> Reader:
-        """Make a reader of the estimate, for percepts that inform enough to be planned with."""
+        """Return a reader of the estimate, for percepts with enough information."""
         percepts = self.model.percepts
         return grid.make_reader(self.estimate, percepts.rows, percepts.informative)
 
@@ -201,7 +203,7 @@ class FactoredPolicy(ByValue):
         return grid.make_reader(table, self.model.percepts.rows, self.moves)
 
     def _values_ahead(self, table: Table, x: int, prob: Floats) -> Floats:
-        """Compute the value (E,) of each behavior by a table; -inf where not legal."""
+        """Compute the value (E,) of each behavior by a table; -inf if it is not legal."""
         model = self.model
         step = model.dynamics.step[x]
         out = -step["cost"]
@@ -213,10 +215,10 @@ class FactoredPolicy(ByValue):
 
 
 class _ValueIteration:
-    """Value iteration of a MOMDP of infinite precision and one latent class a truth.
+    """Value iteration for a MOMDP with infinite precision and one latent class for each truth.
 
-    An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s),
-    or when it would take more multiplications than `work` has left.
+    An axis is fine enough if halving its steps lowers the bound by at most `tolerance` (in
+    seconds), or would take more multiplications than are left of `work`.
     """
 
     def __init__(self, momdp: MOMDP, model: MOMDPArrays, tolerance: float, work: float) -> None:
@@ -228,11 +230,11 @@ class _ValueIteration:
         self.edges = Edges.of(momdp, model)
 
     def bounds(self, points: int) -> Table:
-        """Compute upper bounds on a grid of so many points at most.
+        """Compute upper bounds on a grid of at most `points` points.
 
-        Easy attributes need few points, hard ones many. So the grid is refined first evenly; then
-        every round tries each axis at half its steps for one sweep, keeps the one that lowered the
-        bound at the start most for the points it took, and sweeps until nothing changes.
+        Attributes need different numbers of points. First, all axes are refined together. Then, in
+        each round, the steps of every axis are halved for one sweep. The axis that lowers the bound
+        at the start most for its number of points is kept, and sweeps follow until nothing changes.
         """
         table = self._swept(self._coarsest(points))
         fall = np.inf
@@ -268,11 +270,12 @@ class _ValueIteration:
             finer[best] += 1
 
     def estimate(self, bounds: Table, points: int) -> Table:
-        """Estimate the optimum by smooth interpolation, starting from bounds.
+        """Estimate the optimum by smooth interpolation, starting from the bounds.
 
-        Linear interpolation adds a little at every step ahead; a policy that trusts a coarse table
-        puts the report off. Here nothing adds up, if the steps are even: the grid is one of its
-        own, of so many points at most. What results is near the optimum, but no bound.
+        Linear interpolation adds a small error at every step, so a policy with a coarse table
+        reports too late. With smooth interpolation on an even grid, errors do not add up. The
+        estimate has its own grid of at most `points` points. It is close to the optimum, but not a
+        bound.
         """
         moving = np.flatnonzero(bounds.size > 1)
         if not len(moving):
@@ -280,9 +283,9 @@ class _ValueIteration:
         inner = _inner_points(bounds.size[moving].astype(float), points)
         if math.isinf(self.work):
             return self._smoothed(bounds, inner) if min(inner) >= _LEAST else bounds
-        # Values change most on a coarse grid, which also shows how many sweeps they take. The next
-        # finer one is as fine as its sweeps are paid for, if they are as many; a table that is not
-        # swept to the end promises too much.
+        # Values change most on a coarse grid, which also shows how many sweeps are necessary. The
+        # next grid is as fine as possible for the same number of sweeps with the remaining work. A
+        # table without enough sweeps has values that are too high.
         affordable = math.inf  # points
         for coarse in _COARSE:
             at_first = [min(coarse, points_inside) for points_inside in inner]
@@ -302,14 +305,14 @@ class _ValueIteration:
         return self._smoothed(bounds, inner) if max(inner) > _COARSE[-1] else bounds
 
     def _smoothed(self, table: Table, inner: Sequence[int]) -> Table:
-        """Iterate values smoothly on axes with so many points inside."""
+        """Iterate values with smooth interpolation on axes with given numbers of inner points."""
         moving = np.flatnonzero(table.size > 1)
         for i, points_inside in zip(moving.tolist(), inner, strict=True):
             table = grid.refine(table, i, grid.even_axis(self.momdp, i, points_inside))
         return self._swept(table, _SMOOTH_SWEEPS, smooth=True)
 
     def _swept(self, table: Table, sweeps: int = _SWEEPS, *, smooth: bool = False) -> Table:
-        """Iterate values on their own grid until a sweep changes none of them."""
+        """Iterate values on the same grid until a sweep changes none of them."""
         axes = enumerate(table.axes)
         percepts = [percepts_on(self.momdp, i, axis, smooth=smooth) for i, axis in axes]
         value = table.value.astype(np.float64)
@@ -323,7 +326,7 @@ class _ValueIteration:
         return table._replace(value=value)
 
     def _coarsest(self, points: int) -> Table:
-        """Build the coarsest grid, of a constant that no value exceeds."""
+        """Build the coarsest grid, with a constant that no value exceeds."""
         momdp = self.momdp
         moves = np.asarray(self.edges.moves.any(axis=1))
         axes = [
@@ -334,18 +337,19 @@ class _ValueIteration:
         if size > points:
             raise SettingsError(
                 f"The coarsest grid of beliefs in {moves.sum()} attributes has {size} points; "
-                f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
+                f"`points` allows {points}. Increase `points`, or plan with POMCP, which needs no "
+                "grid."
             )
         value = np.full((momdp.terminal, size), self._constant_bound())
         return grid.make_table(axes, value)
 
     def _constant_bound(self) -> float:
-        """Bound every value by the best ending, or the best pay for ever."""
+        """Return a bound on all values: the best answer, or the best bonus forever."""
         step = self.model.dynamics.step
         bonus = self.momdp.bonus.max(axis=2).sum(axis=0)
         best = max(self.momdp.correct, self.model.dynamics.exit_value)
         pay = (bonus * step["percepts"] - step["cost"])[step["legal"]]
-        # Paid for ever: sum_t g^t (bonus - c) = (bonus - c) / (1 - g).
+        # The bonus forever: sum_t g^t (bonus - c) = (bonus - c) / (1 - g).
         leak = 1 - step["discount"][step["legal"]]
         lasting = leak > 0
         if (pay[~lasting] > 0).any():
@@ -356,9 +360,10 @@ class _ValueIteration:
         return float(max(best, (pay[lasting] / leak[lasting]).max(initial=-np.inf)))
 
     def _finer(self, table: Table, levels: Mapping[int, int], points: int) -> Table | None:
-        """Refine some axes to their levels; None if the grid would have too many points.
+        """Refine some axes to their levels.
 
-        Or if a sweep of it would take more than the work left.
+        The result is None if the grid would have too many points, or if a sweep would take more
+        work than is left.
         """
         axes = {i: grid.make_axis(self.momdp, i, level) for i, level in levels.items()}
         size = math.prod(len(axes.get(i, axis)) for i, axis in enumerate(table.axes))
@@ -378,7 +383,10 @@ class _ValueIteration:
 
 
 def _inner_points(size: Floats, points: int) -> list[int]:
-    """Return the uncertain beliefs of the estimate's axes; of many, those refined most get most."""
+    """Return the numbers of inner points of the estimate's axes.
+
+    With many attributes, axes that are finer in the bound get more points.
+    """
     n = len(size)
     least = _LEAST + 2
     scale = 1.0

@@ -18,14 +18,14 @@ from meal_bayes.planners.jit import by_reference, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import MOMDPArrays
 from meal_bayes.planners.table.grid import Table, between, informative_pairs
 
-_BLOCK = 32  # rows that fit the cache together
-_LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
+_BLOCK = 32  # number of rows that fit into the CPU cache
+_LOOPED = 0.2  # fraction of a visit's change below which its loops end
 
 Matrices = tuple[Ints, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
 
 
 class Edges(NamedTuple):
-    """The M legal pairs of x and behavior, whatever the grid."""
+    """The M legal pairs of x and behavior; they do not depend on the grid."""
 
     edge: Ints  # (M,3) x, behavior, and 1 if it may keep x
     outcome: Floats  # (M,2,X-1) discounted Pr(next x), without and with a percept
@@ -59,9 +59,9 @@ class Edges(NamedTuple):
         )
 
     def work(self, points: int, *, smooth: bool) -> float:
-        """Return how many numbers are multiplied, about, to back up one edge at so many points."""
+        """Return the approximate number of multiplications for one edge at `points` points."""
         outcomes = np.count_nonzero(self.outcome, axis=(1, 2))
-        # Each attribute that a percept informs of applies a matrix of 2K entries a row, or of 4K.
+        # Each informative attribute applies a matrix with 2K or 4K entries per row.
         applied = self.moves[:, self.edge[:, 1]].sum(axis=0) * self.outcome[:, 1].any(axis=1)
         entries = applied * (4 if smooth else 2) * self.levels
         return float(points * (2.0 + (outcomes + entries).sum() / max(len(self.edge), 1)))
@@ -77,22 +77,23 @@ class Matrix(NamedTuple):
 
 @by_reference
 class Backups(NamedTuple):
-    """All that a sweep reads besides the values."""
+    """The data of a sweep, without the values."""
 
-    edge: Ints  # of `Edges`, as `outcome`
-    outcome: Floats
-    reward: Floats  # (M,B), or (M,1) where it is the same for every belief
-    floor: Floats  # (B,) value of ending
-    size: Ints  # (N,) of the axes
-    point: Ints  # (N,E,G,J) columns of the percepts' matrices; -1 first: the belief stays
+    edge: Ints  # as in `Edges`
+    outcome: Floats  # as in `Edges`
+    reward: Floats  # (M,B), or (M,1) if it is the same for all beliefs
+    floor: Floats  # (B,) value of answering
+    size: Ints  # (N,) sizes of the axes
+    point: Ints  # (N,E,G,J) columns of the percepts' matrices; the first is -1 for the identity
     weight: Floats  # (N,E,G,J) entries
 
 
 def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Matrices:
-    """Build the sparse matrices of an attribute's percepts, one a behavior.
+    """Build the sparse matrices of an attribute's percepts, one for each behavior.
 
-    Row g weighs the points beside each belief that may follow point g: linearly in the belief,
-    never below a convex function (J = 2K), or smooth, cubic in log-odds, but no bound (J = 4K).
+    Row g contains the weights of the points next to the possible beliefs after point g.
+    Interpolation is linear in the belief, which never lies below a convex function (J = 2K), or
+    `smooth`, cubic in log-odds, which gives no bound (J = 4K).
     """
     false, true = momdp.confusion[attribute].transpose(1, 0, 2)[..., None]  # (E,K,1)
     # Bayes' rule: b' = b Pr(z | true) / Pr(z), Pr(z) = b Pr(z | true) + (1 - b) Pr(z | false).
@@ -110,7 +111,7 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
 
 
 def _cubic(axis: Floats, at: Floats, point: Ints, weight: Floats) -> tuple[Ints, Floats]:
-    """Interpolate by the cubic through four points in log-odds; linearly next to certainty."""
+    """Interpolate by a cubic through four points in log-odds, and linearly next to certainty."""
     last = len(axis) - 1
     low = point[..., 0]
     point = np.concatenate([point, point], axis=-1)
@@ -145,7 +146,7 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Ma
     for i, (size, (columns, entries)) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
         point[i, :, :size] = columns
         weight[i, :, :size] = entries
-    # A percept that informs of nothing leaves the axis as it is: its matrix is the identity.
+    # The matrix of an uninformative percept is the identity.
     point[~edges.moves, 0, 0] = -1
     return Backups(
         edge=edges.edge,
@@ -161,7 +162,7 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Ma
 def _best_reward(reports: Reports, table: Table) -> Floats:
     """Compute the reward of the best report at all points of the grid, (B,).
 
-    It is convex in each marginal, as the largest of functions that are linear in it.
+    It is convex in each marginal, because it is the maximum of linear functions.
     """
     event = reports.event
     # Values: r- + (r+ - r-) prod_i max(b_i, 1 - b_i). Yes or no: max over assertion and denial.
@@ -177,23 +178,23 @@ def _best_reward(reports: Reports, table: Table) -> Floats:
 class Ending(NamedTuple):
     """When value iteration ends, and how it interpolates."""
 
-    settled: float  # a sweep that changes no value by more is the last
-    sweeps: int  # at most
+    settled: float  # change of values in a sweep below which iteration ends
+    sweeps: int  # largest number of sweeps
     smooth: bool  # is interpolation smooth?
-    backups: float  # of edges: the sweep that reaches so many is the last
+    backups: float  # number of backed-up edges after which iteration ends
 
 
 @entry_kernel
 def sweep(backups, value, scratch, ending):
-    """Update the values (X-1,B) of every x, latest first, until a sweep changes none by `settled`.
+    """Update the values (X-1,B) of every x, last state first, until changes are below `settled`.
 
-    Values only fall, unless interpolation is smooth. `scratch` (4,B) comes with zeros. Returns how
-    many edges were backed up.
+    Values only decrease, unless interpolation is smooth. `scratch` (4,B) must contain zeros.
+    Returns the number of edges that were backed up.
     """
     made = np.int64(0)
     for _ in range(ending.sweeps):
         largest = 0.0
-        # Later states first: most behaviors lead to them, and one sweep carries values back.
+        # Later states first, because most behaviors lead to later states.
         for x in range(value.shape[0] - 1, -1, -1):
             change, backed_up = _update(backups, value, x, scratch, ending)
             largest = max(largest, change)
@@ -209,8 +210,8 @@ def _update(backups, value, x, scratch, ending):
 
     V(x, b) = max(stop(b), max_a R(x, a, b) + g sum over x', z of Pr(x', z | x, a, b) V(x', b'_z))
 
-    The behaviors that leave x look ahead at other x alone, whose values stay: they are backed up
-    once. Then those that may keep x, over again while they lower its values; once, if smooth.
+    Behaviors that always leave x depend only on other states, so they are backed up once. Then the
+    behaviors that may keep x are backed up as long as they lower the values, or once if smooth.
     """
     edge = backups.edge
     points = value.shape[1]
@@ -233,7 +234,7 @@ def _update(backups, value, x, scratch, ending):
                 loops = True
                 made += 1
                 _back_up(backups, value, m, scratch, np.int64(1))
-        # min(U, T U): what is an upper bound stays one, and only falls.
+        # min(U, T U) is an upper bound if U is one, and never increases.
         change = 0.0
         for b in range(points):
             backed_up = scratch[1, b] if ending.smooth else min(scratch[1, b], value[x, b])
@@ -257,7 +258,7 @@ def _back_up(backups, value, m, scratch, row):
     e = backups.edge[m, 1]
     source = np.int64(2)
     scratch[2] = 0.0
-    # First what is shown a percept, whose expectation moves all at once; then what shows none.
+    # First the outcomes with a percept, then those without.
     for percept in range(1, -1, -1):
         comes = False
         for x in range(value.shape[0]):
@@ -284,9 +285,9 @@ def _back_up(backups, value, m, scratch, row):
 def _expect(matrix, earlier, scratch, source):
     """Compute the expectation of scratch[source] over percepts of one attribute -> [5 - source].
 
-    Values lie as (points of earlier axes, points of this, points of later): the matrix is applied
-    to the middle index. The innermost loop runs over the later points, or, for the last attribute,
-    over a block of the earlier ones.
+    Values have the shape (points of earlier axes, of this axis, of later axes), and the matrix is
+    applied to the middle index. The innermost loop is over the later points or, for the last
+    attribute, over a block of earlier ones.
     """
     size = matrix.size
     point = matrix.point
