@@ -40,6 +40,7 @@ _PAD = 4.0  # points between a text and whatever is near it
 _LEVELS = (0.0, 0.5, 1.0)  # at which a band of beliefs has a thin line
 _BENDS = 0.02  # a percept that changes the belief by less is not named
 _SMALLEST = 0.95  # size of a behavior's name at least, of the size of the font
+_HUGE = 1e12  # s of reward, of which an axis has no room for the digits
 _BEHAVIORS = "what it does: a block is as wide as the seconds it costs"
 _BELIEFS = "what it believes, from 0 to 100 %, and the percepts that moved it"
 _ADVANTAGE = "what going on is worth over answering now (reward): below 0 it stops"
@@ -620,13 +621,13 @@ def _number(parts: tuple[float, float | None]) -> str:
 def _worths(trial: TrialRecord) -> list[tuple[float, float | None]]:
     """Return what going on is worth at each step; nan where the agent compares nothing.
 
-    An infinite value, which a planner of the user's may give, has no place on the axis either.
+    Infinite or huge values, which a user's own planner may give, have no place on the axis either.
     """
     worths = []
     for step in trial.steps:
         this, later = step.decision.going_on()[:2]
-        finite = np.isfinite(this + later)
-        worths.append((this if finite else np.nan, later if step.decision.explores else None))
+        fits = abs(this + later) < _HUGE
+        worths.append((this if fits else np.nan, later if step.decision.explores else None))
     return worths
 
 
