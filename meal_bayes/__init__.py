@@ -1,8 +1,8 @@
-"""MEAL, the Bayesian way: which behaviors a robot should try before it answers.
+"""Bayesian multimodal embodied attribute learning (MEAL) for robots.
 
-A robot is asked about attributes of an object it has never learned from ("Is it heavy, and does it
-hold beans?"). It chooses behaviors, perceives, updates an exact belief, and reports; every trial is
-logged.
+A person asks a robot about attributes of an object from which it has not learned ("Is it heavy, and
+does it hold beans?"). The robot chooses behaviors, perceives, updates an exact belief, and answers.
+Every trial is logged.
 
 >>> import meal_bayes
 >>> trial = meal_bayes.ask(
@@ -14,26 +14,26 @@ logged.
 >>> trial.answer, trial.success, round(trial.cost, 1)
 ({'heavy': True, 'beans': True}, True, 19.1)
 
-The names in `__all__` are the public API, with `meal_bayes.testing` and `meal_bayes.gym`. Each
-name is loaded with its package when it is first used, so the import itself loads NumPy at most.
-Other names of the packages (`meal_bayes.planners`, ...) may change in any version.
+The names in `__all__`, with those of `meal_bayes.testing` and `meal_bayes.gym`, are the public API.
+Each name is loaded with its package when it is first used, so the import itself loads NumPy at
+most. Other names of the packages (`meal_bayes.planners`, ...) may change in any version.
 
-Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
+All shapes, such as ``cost: (E,) s``, are written with these letters:
 
 | | |
 |---|---|
 | P | attributes of the domain |
 | N | queried attributes |
-| E | exploratory behaviors |
+| E | behaviors |
 | M | modalities |
 | D | features of a modality |
 | O | objects |
 | R | recordings per (object, behavior) |
-| X | fully observable states, the last is `term` |
+| X | observed states; the last is `term` |
 | Y | 2^N combinations of attribute values; bit 0 of the query is the most significant |
 | K | levels of a percept: 2 is the paper's yes/no, 4 is "surely no, no, yes, surely yes" |
-| L | fine bins of a percept table, which levels merge |
-| A | actions: E behaviors, then Y reports |
+| L | bins of a percept table, which are merged to K levels |
+| A | actions: E behaviors, then Y reports, then "I do not know" if the agent may abstain |
 | Z | K^N + 1 observations, the last is "none" |
 | T | steps of a trial |
 | S | search nodes |

@@ -1,7 +1,7 @@
 """Data sets: recordings and labels, the training set D, splits, percept tables, synthetic data.
 
-In: the public recordings (downloaded once, checked), a folder of CSV files, or a generator.
-Out: `Dataset`, `Instance`, `TrainingSet`, `PerceptTable`.
+The input is the public recordings (downloaded once, with verified checksums), a folder of CSV
+files, or a generator. The output is a `Dataset`, `Instance`, `TrainingSet` or `PerceptTable`.
 """
 
 from meal_bayes.datasets.csv_files import save_csv_folder

@@ -1,6 +1,7 @@
-"""The vocabulary: attributes, behaviors, transition diagrams, queries.
+"""Domains: attributes, behaviors, transition diagrams and queries.
 
-In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Query`.
+The input is a TOML table, of the package or your own. The output is a `Domain`, a
+`TransitionDiagram` or a `Query`.
 """
 
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram

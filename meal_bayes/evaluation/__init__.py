@@ -1,7 +1,7 @@
-"""Numbers of many trials.
+"""Statistics of many trials.
 
-In: trials. Out: rows of measures (accuracy, cost, reward, calibration) with standard errors
-clustered by object, and paired comparisons.
+The input is trials. The output is a row of measures for each agent (accuracy, cost, reward,
+calibration), with standard errors that treat objects as clusters, and paired comparisons.
 """
 
 from meal_bayes.evaluation.calibration import (

@@ -1,4 +1,4 @@
-"""Many trials of a config: task lists, stores, processes; their logs `evaluation` reads."""
+"""Experiments: many trials of one configuration, their tasks, logs and processes."""
 
 from meal_bayes.experiments.config import DEFAULT_AGENTS, OfflineConfig, OnlineConfig
 from meal_bayes.experiments.offline import OfflineRun, askable, offline_tasks, run_offline

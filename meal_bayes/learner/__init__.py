@@ -1,7 +1,8 @@
-"""An agent and its experience: ask, tell, fit.
+"""Learners: an agent with its experience.
 
-In: questions, a robot, feedback, recordings or a percept table. Out: trials, each logged as it
-happens, and a confusion posterior that is updated by feedback.
+The input is questions, a robot, labels from people, and recordings or a percept table. The output
+is trials, which are logged step by step, and a posterior of the confusion matrices, which labels
+update.
 """
 
 from meal_bayes.learner.experience import Experience

@@ -1,7 +1,7 @@
 """The decision problem of one query.
 
-In: a `Domain`, a `Query`, and two arrays (`confusion`, `precision`), the observation model.
-Out: a `MOMDP`, and the exact factored `Belief` that is filtered in it.
+The input is a `Domain`, a `Query`, and the observation model, which consists of two arrays
+(`confusion`, `precision`). The output is a `MOMDP`, and the exact factored `Belief` in it.
 """
 
 from meal_bayes.momdp.belief import (

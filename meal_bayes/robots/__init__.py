@@ -1,7 +1,8 @@
-"""Robots: execute a behavior, observe the next state, return the features that were sensed.
+"""Robots, which execute behaviors and return the next state and features.
 
-In: a `Domain`, and recordings. Out: `Outcome`s, by names. A real robot
-implements `Robot`; `OutcomeChecker` checks what it returns.
+The input is a `Domain`, and recordings for replayed robots. The output is an `Outcome` for each
+behavior. The driver of a real robot implements the protocol `Robot`; `OutcomeChecker` checks the
+outcomes that it returns.
 """
 
 from meal_bayes.robots.robot import Frame, Outcome, OutcomeChecker, Robot

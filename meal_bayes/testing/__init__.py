@@ -1,8 +1,8 @@
-"""Checks that a solver or a robot of one's own keeps to what the package expects.
+"""Checks of your own solver or robot.
 
-In: the object, and for a robot its domain. Out: nothing, or a `ConformanceError` that says what was
-found, what was expected, and how to mend it. The package's own solvers and robots pass the same
-checks in its tests.
+The input is the solver, or the robot and its domain. If a check fails, it raises a
+`ConformanceError` that says what was found, what was expected, and how to correct it. The solvers
+and robots of the package pass the same checks in its tests.
 """
 
 from meal_bayes.testing.problems import example_problems

@@ -1,9 +1,9 @@
-"""The record: trials to MCAP and back, the only store.
+"""Logs: write trials to MCAP files and read them back.
 
-This package writes `Trial`s, with a header that describes the run, into one file for each unit of
+This package writes trials, with a header that describes the run, into one file for each unit of
 work. Equal trials give equal files, and any MCAP tool can read them. Reading checks every byte and
-returns equal `Trial`s. For millions of trials, a compact log contains their outcomes as columns,
-and the steps of some.
+returns trials that equal those that were written. For millions of trials, a compact log contains
+their outcomes as columns, and the steps of some of them.
 """
 
 from meal_bayes.trial_log.feedback import Change, Feedback

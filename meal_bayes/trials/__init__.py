@@ -1,6 +1,7 @@
-"""Trials: tasks, the loop that runs them, their outcomes in columns, their words.
+"""Trials: tasks, sessions that run them, and their outcomes, pictures and texts.
 
-In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief and decision.
+The input is a MOMDP, a policy, a robot and a perceiver. The output is a `Trial` with every belief
+and decision.
 """
 
 from meal_bayes.trials.faults import FaultTolerant

@@ -1,7 +1,7 @@
-"""Viewer: logged trials as a rerun recording with a layout of our own.
+"""Viewer: shows logged trials in the rerun viewer.
 
-In: trials and the header of their run. Out: an .rrd file, a window, a page or a picture, also of a
-run in progress. Everything that is shown comes from the log.
+The input is trials and the header of their run. The output is an .rrd file, a window, a page for a
+browser, or a picture, also of a run in progress. All data that are shown come from the log.
 """
 
 from meal_bayes.viewer.replay import Replay, follow, send_recording, write_recording
