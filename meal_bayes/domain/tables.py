@@ -1,26 +1,26 @@
-"""Domains from tables: shipped ones by name, or one's own from TOML or a dictionary.
+"""Read domains of the package by name, and your own from a TOML file or a dictionary.
 
 Keys, with their defaults in brackets:
 
 name, attributes
-    Of the domain; what can be asked.
+    Name of the domain, and attributes about which a person can ask.
 sources
-    By modality: topic, feature, fields [those of the message type], encoding ["s16le", of sound]
-    and settings of the feature [its defaults], for `meal_bayes.features`.
+    For each modality: topic, feature, fields [those of the message type], encoding ["s16le", for
+    sound], pixels [10000] and settings of the feature [its defaults]; see `meal_bayes.features`.
 behaviors
-    Rows of name, cost (s), modalities [none] and answer_accuracy [it asks nobody].
+    Rows of name, cost (s), modalities [none] and answer_accuracy [the behavior asks nobody].
 diagram
-    states, start, illegal ["terminate", or "stay"], labels of the states for readers [their
-    names], and effects: rows of from, do, to, probability [1] and senses [true]; "*" is every
-    state.
+    states, start, illegal ["terminate", or "stay"], labels of the states, which people read [their
+    names], and effects: rows of from, do, to, probability [1] and senses [true]. "*" is every
+    state in from, and the same state in to.
 report_reward, predefined, legal_budget, asked_minimum, groups, synonyms, data
     As in `Domain`, with its defaults.
 payoffs
-    right_yes, wrong_yes, right_no and wrong_no, where yes and no do not earn alike.
+    right_yes, wrong_yes, right_no and wrong_no, if yes and no have different rewards.
 extends
-    A shipped domain, or another TOML, whose keys this one replaces.
+    A domain of the package, or another TOML file, whose keys this table replaces.
 note
-    For readers.
+    A remark for readers.
 """
 
 import tomllib
