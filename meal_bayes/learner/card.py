@@ -1,4 +1,4 @@
-"""What a learner shows of itself in a notebook: what it learned of each attribute."""
+"""HTML representation of a learner in a notebook: what it learned about each attribute."""
 
 from dataclasses import replace
 from html import escape
@@ -37,14 +37,14 @@ WITH_RECORDINGS = (
 
 
 class JoinedRecordings(NamedTuple):
-    """How many recordings of the last data set joined the experience."""
+    """Number of recordings of the last data set that were added to the experience."""
 
     joined: int = 0
     offered: int = 0
-    record_rows: int = 0  # `views.rows` then
+    record_rows: int = 0  # `views.rows` at that time
 
     def text(self, record: Experience) -> str:
-        """Return that as a clause; empty where more was recorded since."""
+        """Return the numbers as a clause, or nothing if more was recorded since."""
         if not self.offered or self.record_rows != views.rows(record):
             return ""
         n_known = self.offered - self.joined
@@ -52,13 +52,13 @@ class JoinedRecordings(NamedTuple):
 
 
 def next_html(attribute: str, recordings: int) -> str:
-    """Return what to do next with a learner that has no label, naming an attribute of its own."""
+    """Return what to do next with a learner without labels; the example names an attribute."""
     way = WITH_RECORDINGS if recordings else WITH_NOTHING
     return f"<p>{escape(NO_LABEL + way.format(name=attribute))}</p>"
 
 
 def table_knowledge(table: PerceptTable, agent: Agent, settings: LearnerSettings) -> Knowledge:
-    """Return what a percept table teaches, each object's percepts by classifiers without it."""
+    """Return what is learned from a percept table, with held-out percepts of each object."""
     counts = percept_counts(table, agent.levels)
     knowledge = knowledge_of(table.domain, counts, table.labels, object_level=agent.object_level)
     if settings.posterior is None:
@@ -74,7 +74,7 @@ def learned_html(knowledge: Knowledge, labels: Labels) -> str:
     knowledge : Knowledge
         What was learned.
     labels : Labels
-        (O,P) of the objects, from which that was; -1 unknown.
+        (O,P) labels of the objects from which it was learned; -1 unknown.
     """
     domain = knowledge.domain
     rows = []

@@ -1,16 +1,16 @@
-"""The only record of what a robot did and was told: executions, instances, labels.
+"""The record of a robot's experience: executions, instances and labels.
 
-Everything else is a view of it (`views.py`): the training set D of Algorithm 2, evidence (Eq. 10),
-success rates. A recording is what was sensed: two of equal features, by one behavior on one object
-in one data set, are two; in two data sets they are one. Rows are added at the end.
+Everything else is computed from this record (`views.py`): the training set D of Algorithm 2, the
+experience of Eq. 10, success rates. An instance is a recording of an object by a behavior. Two
+recordings of an object and behavior with equal features are two instances if they are in the same
+data set, and one instance if they are in two data sets. Rows are only added at the end.
 
-A label is told in a trial, or of an object by its name, as those of a data set are. Each row of
-labels (of an instance, of an object) is what `Domain.replace` makes of all that was told of it, in
-order.
+A label belongs to a trial, or to an object that is named, like the labels of a data set. The labels
+of an instance or of an object are the result of `Domain.replace` for all its labels, in order.
 
-Feedback is never erased: a row of value -1 withdraws the earlier ones of its trial.
+Feedback is never deleted: a row with the value -1 withdraws the earlier rows of its trial.
 
-`record_step`, at the end, makes rows of a step of a trial.
+`record_step`, at the end of the module, adds the rows of a step of a trial.
 """
 
 import hashlib
@@ -39,48 +39,48 @@ Labels = NDArray[np.int8]
 Objects = tuple[int, ...]  # by their rows in a percept table
 Context = tuple[str, str]  # (behavior, modality)
 
-FROM_DATASET = 0  # an instance's origin: a data set that was fitted
-FROM_TRIAL = 1  # or a trial of the robot
-WITHDRAWN = 2  # or nothing any more: it was forgotten; so is what an execution's success was
-NONE = -1  # in place of a row's number
+FROM_DATASET = 0  # origin of an instance: a data set that was fitted
+FROM_TRIAL = 1  # origin of an instance: a trial of the robot
+WITHDRAWN = 2  # origin of a forgotten instance, and success of a forgotten execution
+NONE = -1  # no row
 
-_NAME_KEY = "told"  # begins the key of labels that are told of an object by its name
+_NAME_KEY = "told"  # first part of the key of labels for a named object
 
 
 class InstanceRow(NamedTuple):
-    """What stands in the record of an instance."""
+    """A row of the table of instances."""
 
     object: int
     behavior: int
-    digest: int  # of its features; 0: there are none
-    copy: int  # how many with this digest came before it
-    recording: int  # its number in the data set that is replayed; NONE
+    digest: int  # digest of the features; 0 if there are none
+    copy: int  # number of earlier instances with this digest
+    recording: int  # number in the data set that is replayed; NONE otherwise
     origin: int
-    scale: int  # K, of its percepts in the trial; 0 where it is of a data set
+    scale: int  # number K of levels of its percepts in the trial; 0 for a data set
 
 
 class ExecutionRow(NamedTuple):
-    """What stands in the record of an execution."""
+    """A row of the table of executions."""
 
     trial: int
     behavior: int
-    instance: int  # NONE: nothing was perceived
-    success: int  # 1, 0, -1 where failing and succeeding look the same; WITHDRAWN
+    instance: int  # NONE if there was no percept
+    success: int  # 1, 0, or -1 if success cannot be distinguished from failure; WITHDRAWN
 
 
 class FeedbackRow(NamedTuple):
-    """What stands in the record of one label that was told."""
+    """A row of the table of feedback: one label."""
 
     trial: int
-    call: int  # labels that were told together
+    call: int  # number of the call; labels that were given together have the same
     object: int
     attribute: int
-    value: int  # 1, 0, or -1 where those of the trial before it were withdrawn
-    given: int  # 1: by a data set, 0: by a person
+    value: int  # 1, 0, or -1 to withdraw earlier labels of the trial
+    given: int  # 1 for a label of a data set, 0 for a label of a person
 
 
 class AnswerRow(NamedTuple):
-    """What stands in the record of one answer of a person who was asked by a behavior."""
+    """A row of the table of answers: one answer of a person who was asked by a behavior."""
 
     trial: int
     behavior: int
@@ -96,7 +96,7 @@ ANSWER = np.dtype([(name, np.int64) for name in AnswerRow._fields])
 
 
 def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
-    """Compute the digest of a recording's features by modality; 0 where there are none."""
+    """Compute the digest of a recording's features by modality; 0 without features."""
     if not features:
         return 0
     digest = hashlib.blake2b(digest_size=8)
@@ -108,16 +108,16 @@ def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
 
 
 def unnamed(identity: str) -> str:
-    """Return what an object is called that nobody has named, by 16 hexadecimal digits.
+    """Return the name of an object that nobody named, from 16 hexadecimal digits.
 
-    `trial.task_of` draws them, as names of two programs must differ; `nobody_named` tells such a
-    name from a person's, and `views.in_order` lets no order come of it.
+    The digits are random, because the names in different programs must differ. `nobody_named`
+    recognizes such a name, and `views.in_order` ignores it.
     """
     return f"object {identity}"
 
 
 def nobody_named(name: str) -> bool:
-    """Return whether an object's name was drawn.
+    """Return whether the name of an object is random.
 
     >>> nobody_named(unnamed("30a0d9a3fcdbb969")), nobody_named("object 3")
     (True, False)
@@ -126,12 +126,12 @@ def nobody_named(name: str) -> bool:
 
 
 def key_of_name(name: str) -> Key:
-    """Return what stands for a trial's key where labels are told of an object by its name."""
+    """Return the key of labels for a named object, in place of the key of a trial."""
     return (_NAME_KEY, name)
 
 
 def is_key_of_name(key: Key) -> bool:
-    """Return whether a key stands for an object's name, and not for a trial.
+    """Return whether a key is that of a named object, and not that of a trial.
 
     >>> is_key_of_name(key_of_name("cup")), is_key_of_name(("toy", "ask", "cup", "heavy"))
     (True, False)
@@ -140,26 +140,26 @@ def is_key_of_name(key: Key) -> bool:
 
 
 class LabelCall(NamedTuple):
-    """Labels (P,) that were told together in a trial; -1 unknown."""
+    """Labels (P,) that were given together for a trial; -1 unknown."""
 
     trial: int
     labels: Labels
 
 
 def no_labels(domain: Domain) -> Labels:
-    """Return labels (P,) of which none is known."""
+    """Return labels (P,) that are all unknown."""
     return np.full(len(domain.attributes), -1, np.int8)
 
 
 def calls_that_hold(domain: Domain, feedback: NDArray[Any]) -> list[LabelCall]:
-    """Return what holds of the feedback (l,) of an object, in the order in which it was told."""
+    """Return the labels in the feedback (l,) of an object that are not withdrawn, in order."""
     rows = [FeedbackRow(*row) for row in feedback.tolist()]
     withdrawn: dict[tuple[int, int], int] = {}  # position of the last withdrawal
     for position, row in enumerate(rows):
         if row.value < 0:
             withdrawn[row.trial, row.attribute] = position
     calls: dict[int, LabelCall] = {}
-    # A label holds where no withdrawal of its trial follows.
+    # A label is valid if no withdrawal of its trial follows.
     for position, row in enumerate(rows):
         if row.value < 0 or position < withdrawn.get((row.trial, row.attribute), -1):
             continue
@@ -172,8 +172,8 @@ def calls_that_hold(domain: Domain, feedback: NDArray[Any]) -> list[LabelCall]:
 def fold(domain: Domain, calls: Iterable[LabelCall]) -> Labels:
     """Return the labels (P,) after calls, in order.
 
-    Where what a denial referred to was withdrawn, so that none of a group is left, it holds
-    alone.
+    If a label denies the last possible value of a group, because other labels were withdrawn, the
+    earlier labels of the group are dropped.
     """
     folded = no_labels(domain)
     for _, labels in calls:
@@ -203,27 +203,27 @@ class Experience:
     Attributes
     ----------
     first_attributes : int
-        Attributes that the domain had at first; those behind them were added since.
+        Number of attributes that the domain had at first; later ones were added.
     objects, trials : dict
-        Names of objects and keys of trials, with their numbers.
+        Numbers of objects by name, and of trials by key.
     instances, executions, feedback, answers : Rows
-        `INSTANCE` (n,), `EXECUTION` (m,), `FEEDBACK` (l,), `ANSWER` (a,).
+        Tables of `INSTANCE` (n,), `EXECUTION` (m,), `FEEDBACK` (l,) and `ANSWER` (a,).
     levels : Rows (n,P)
-        Percepts at the time they came; -1 unknown.
+        Percept levels at the time of the execution; -1 unknown.
     detected : Rows (n,P)
-        Those of them that a detector of the robot's own gave in words; -1 none.
+        Levels that the robot's own detector returned; -1 if none.
     scores : Rows (n,P)
-        What a detector gave as numbers; NaN none. They are cut to levels anew at each refit.
+        Scores that a detector returned; NaN if none. Their levels are computed at each refit.
     labels, object_labels : Rows (n,P), (O,P)
-        Labels of instances, of the trials in which they were shown; of objects; -1 unknown.
+        Labels of instances (from the trials that showed them), and of objects; -1 unknown.
     features : dict
-        Of each (behavior, modality), (D,) by number of the instance; any sizes.
+        Features (D,) by (behavior, modality) and number of the instance; D may differ.
     feedback_logs : dict
-        Names of the logs of the feedback, in the order in which it was told.
+        Names of the logs of the feedback, in order.
     unlogged : list
         Feedback that could not be logged yet, with the folder of its log.
     warned_of : set
-        Recordings that warnings have named.
+        Problems for which a warning was given already.
     """
 
     def __init__(self, domain: Domain) -> None:
@@ -249,7 +249,7 @@ class Experience:
         self.warned_of = set[str]()
 
     def __repr__(self) -> str:
-        """Return how much there is."""
+        """Return the numbers of recordings, objects and labels."""
         recordings = int((self.instances.values["origin"] != WITHDRAWN).sum())
         told = [self.labels_by_trial(o) for o in self.objects.values()]
         labels = sum(int((rows >= 0).sum()) for rows in told)
@@ -260,16 +260,16 @@ class Experience:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing was recorded, executed or told."""
+        """Whether there are no instances, executions or labels."""
         return not (len(self.instances) or len(self.executions) or len(self.feedback))
 
     @property
     def met(self) -> dict[str, int]:
-        """Objects with their numbers, but for those of which all was forgotten."""
+        """Numbers of objects by name, without completely forgotten objects."""
         return self.met_without(np.empty(0, np.intp))
 
     def met_without(self, apart: NDArray[np.intp]) -> dict[str, int]:
-        """Objects with their numbers, as `met`, as if there were no instances `apart` (k,)."""
+        """Return `met` as it would be without the instances `apart` (k,)."""
         rows = self.instances.values
         withdrawn = rows["origin"] == WITHDRAWN
         withdrawn[apart] = True
@@ -279,7 +279,7 @@ class Experience:
         return {name: o for name, o in self.objects.items() if o in left or o not in forgotten}
 
     def add_attributes(self, domain: Domain) -> None:
-        """Go on with a domain that has more attributes, behind those so far; nothing is known."""
+        """Replace the domain by one with more attributes at the end, whose labels are unknown."""
         more = len(domain.attributes) - len(self.domain.attributes)
         for rows in (self.levels, self.detected, self.labels, self.object_labels):
             rows.widen(more, -1)
@@ -287,19 +287,19 @@ class Experience:
         self.domain = domain
 
     def object_number(self, name: str) -> int:
-        """Return the number of an object, a new one where it was not met before."""
+        """Return the number of an object, which is new if the object was not met before."""
         if name not in self.objects:
             self.objects[name] = len(self.objects)
             self.object_labels.append(self.no_labels)
         return self.objects[name]
 
     def trial_number(self, key: Key) -> int:
-        """Return the number of a trial, a new one where it is not known."""
+        """Return the number of a trial, which is new if the trial is not known."""
         return self.trials.setdefault(key, len(self.trials))
 
     @property
     def no_labels(self) -> Labels:
-        """Labels (P,) of which none is known."""
+        """Labels (P,) that are all unknown."""
         return no_labels(self.domain)
 
     def instances_of_object(self, o: int) -> NDArray[np.intp]:
@@ -307,9 +307,9 @@ class Experience:
         return np.flatnonzero(self.instances.values["object"] == o)
 
     def instances_of_trial(self, trial: Key) -> NDArray[np.intp]:
-        """Return the instances (k,) that a trial showed; for the key of a name, all of its object.
+        """Return the instances (k,) of a trial that were not withdrawn.
 
-        Those that were withdrawn are left out of a trial's.
+        For the key of a named object, return all instances of the object.
         """
         if is_key_of_name(trial):
             return self.instances_of_object(self.objects.get(str(trial[-1]), NONE))
@@ -321,7 +321,7 @@ class Experience:
         return instances[~withdrawn]
 
     def add_dataset(self, dataset: Dataset) -> int:
-        """Add the recordings of a data set that are not there, and its labels; return how many."""
+        """Add new recordings of a data set, and its labels; return the number of new recordings."""
         names = ["object", "behavior", "digest", "copy"]
         rows = self.instances.values
         present = set(rows[names][rows["origin"] != WITHDRAWN].tolist())
@@ -364,17 +364,21 @@ class Experience:
 
         Parameters
         ----------
+        trial : Key
+            Key of the trial.
+        object_name : str
+            Name of the object.
         behavior : int
-            Its position.
+            Position of the behavior in the domain.
         success : int
-            1 succeeded, 0 failed, -1 not known.
+            1 succeeded, 0 failed, -1 unknown.
         instance : Instance, optional
-            What was sensed; of a replayed recording its number tells whether it is new (NONE where
-            nobody says which it was: then it is the next of the data set).
+            What was sensed. For a replayed recording, its number shows whether it is new; with
+            NONE, it is the next recording of the data set.
         levels, detected : Labels | None
-            (P,) its percept levels, of 0 to K - 1, and those that were given as such; -1 unknown.
+            (P,) percept levels, from 0 to K - 1, and those of the robot's detector; -1 unknown.
         n_levels : int
-            K.
+            Number K of levels.
         """
         number = self.trial_number(trial)
         row = NONE
@@ -399,14 +403,14 @@ class Experience:
             self._relabel([row])
 
     def add_answers(self, trial: Key, object_name: str, behavior: int, answers: Labels) -> None:
-        """Add what a person answered of a trial's object, (P,): 1 yes, 0 no, -1 nothing."""
+        """Add a person's answers (P,) about the object of a trial: 1 yes, 0 no, -1 none."""
         number = self.trial_number(trial)
         o = self.object_number(object_name)
         for p in np.flatnonzero(answers >= 0).tolist():
             self.answers.append(AnswerRow(number, behavior, o, p, int(answers[p])))
 
     def _replayed_row(self, o: int, behavior: int, digest: int, recording: int, trial: int) -> int:
-        """Return the instance of a recording that is shown again; NONE where it is new."""
+        """Return the instance of a recording that is replayed again; NONE if it is new."""
         if recording == NONE:
             return self._next_of_dataset(o, behavior, trial)
         rows = self.instances.values
@@ -415,14 +419,14 @@ class Experience:
         return int(np.flatnonzero(same).max(initial=NONE))
 
     def _of_digest(self, o: int, behavior: int, digest: int) -> NDArray[np.bool_]:
-        """Return which instances (n,) of an object and behavior have features of a digest."""
+        """Return the instances (n,) of an object and behavior whose features have this digest."""
         rows = self.instances.values
         same: NDArray[np.bool_] = (rows["object"] == o) & (rows["behavior"] == behavior)
         same &= (rows["digest"] == digest) & (rows["origin"] != WITHDRAWN)
         return same
 
     def _next_of_dataset(self, o: int, behavior: int, trial: int) -> int:
-        """Return the first recording of a data set that a trial has not shown yet; else NONE."""
+        """Return the first recording of a data set that a trial has not used; NONE without one."""
         rows = self.instances.values
         matching = (rows["object"] == o) & (rows["behavior"] == behavior)
         matching &= rows["origin"] == FROM_DATASET
@@ -445,7 +449,10 @@ class Experience:
         return self.instances_of_object(o)
 
     def forget(self, trial: Key, *, recordings: bool = False) -> NDArray[np.intp]:
-        """Withdraw the labels of a trial, perhaps all it did; return the object's instances."""
+        """Withdraw the labels, and with `recordings` the executions of a trial.
+
+        Returns the instances of the trial's object.
+        """
         number = self.trials[trial]
         instances = self.instances_of_trial(trial)
         if recordings:
@@ -460,7 +467,7 @@ class Experience:
         return moved
 
     def _withdraw_executions(self, trial: int, instances: NDArray[np.intp]) -> None:
-        """Withdraw the executions of a trial, and the instances (k,) that it alone showed."""
+        """Withdraw the executions of a trial, and the instances (k,) of no other trial."""
         rows = self.executions.values
         others = (rows["trial"] != trial) & (rows["success"] != WITHDRAWN)
         shown_elsewhere = np.isin(instances, rows["instance"][others])
@@ -473,33 +480,33 @@ class Experience:
             for by_instance in self.features.values():
                 by_instance.pop(i, None)
         rows["success"][rows["trial"] == trial] = WITHDRAWN
-        if trial not in rows["trial"]:  # it executed nothing: a row says that it is forgotten
+        if trial not in rows["trial"]:  # without executions, a new row marks it as forgotten
             self.executions.append(ExecutionRow(trial, 0, NONE, WITHDRAWN))
 
     def _objects_told_in(self, trial: int) -> NDArray[np.int64]:
-        """Return the objects (l,) of all that was told in a trial, by their numbers."""
+        """Return the objects (l,) of the feedback of a trial, by their numbers."""
         rows = self.feedback.values
         objects: NDArray[np.int64] = rows["object"][rows["trial"] == trial]
         return objects
 
     def labels_of_trial(self, trial: Key) -> Labels:
-        """Return the labels (P,) that hold of those told in a trial; -1 unknown."""
+        """Return the valid labels (P,) of a trial; -1 unknown."""
         number = self.trials.get(trial, NONE)
         objects = self._objects_told_in(number)
         calls = self._calls(int(objects[0])) if len(objects) else []
         return fold(self.domain, (call for call in calls if call.trial == number))
 
     def labels_by_trial(self, o: int) -> Labels:
-        """Return what each trial says of an object, (trials,P); -1 nothing."""
+        """Return the labels of an object from each trial, (trials,P); -1 unknown."""
         return fold_by_trial(self.domain, self._calls(o))
 
     def _calls(self, o: int) -> list[LabelCall]:
-        """Return what was told of an object and holds, in order."""
+        """Return the valid labels of an object, in order."""
         rows = self.feedback.values
         return calls_that_hold(self.domain, rows[rows["object"] == o])
 
     def _relabel(self, instances: ArrayLike, objects: Iterable[int] = ()) -> None:
-        """Fold all that was told of instances (k,), and of objects, into their labels."""
+        """Compute the labels of instances (k,) and of objects from all feedback."""
         executions = self.executions.values
         names = list(self.objects)
         rows = np.asarray(instances, np.intp)
@@ -507,7 +514,7 @@ class Experience:
         calls = {o: self._calls(o) for o in {*owners, *objects}}
         for i, o in zip(rows.tolist(), owners, strict=True):
             trials = {*executions["trial"][executions["instance"] == i].tolist()}
-            # What was told of its object by name holds for it, too, whatever trial showed it.
+            # Labels for the named object are valid for its instances in all trials.
             trials.add(self.trials.get(key_of_name(names[o]), NONE))
             told = (call for call in calls[o] if call.trial in trials)
             self.labels.values[i] = fold(self.domain, told)
@@ -524,7 +531,7 @@ class Experience:
     ) -> int:
         """Add an instance; return its number.
 
-        Features are kept where they are of all the behavior's modalities.
+        Features are stored only if they are complete for the modalities of the behavior.
         """
         row = self.instances.append(fields)
         spec = self.domain.behaviors[fields.behavior]
@@ -540,7 +547,7 @@ class Experience:
 
 
 def record_steps(record: Experience, trial: Trial, steps: Sequence[Step]) -> None:
-    """Record steps of another learner's trial, or of a log; warn once of what cannot be held."""
+    """Record steps of another learner's trial, or of a log; warn once of unusable features."""
     for step in steps:
         perceived = None
         if step.sensed is not None:
@@ -576,24 +583,24 @@ def record_step(
     step: Step,
     perceived: tuple[Instance, NDArray[np.int8]] | None = None,
 ) -> None:
-    """Record a step, with what was sensed and the levels (P,) where these are known; no report.
+    """Record an executed behavior, with the instance and its levels (P,) if these are known.
 
-    A step that only shows the queried attributes' percepts is recorded with these.
+    Otherwise, the percepts of the queried attributes in the step are recorded. Reports are ignored.
     """
     domain = record.domain
     e = step.decision.action
     if e >= momdp.n_behaviors:
         return
     instance, levels = perceived or (None, None)
-    if levels is not None:  # attributes may have been added since it was perceived
+    if levels is not None:  # attributes may have been added since the execution
         more = len(domain.attributes) - len(levels)
         levels = np.pad(levels, (0, more), constant_values=-1)
-    if instance is None and task.object_index >= 0:  # a replay, of which the log has percepts alone
+    if instance is None and task.object_index >= 0:  # a replay whose log has only percepts
         instance = Instance(task.object_index, domain.behaviors[e].name, NONE)
     percepts = None if instance is None else instance.percepts
     detected = detected_levels(percepts, domain, momdp.levels)
     if percepts is not None and (levels is None or (levels < 0).all()):
-        levels = detected  # what it did not name was shown at even odds, and is no percept
+        levels = detected  # attributes that the detector did not name have no percept
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())
     shows |= instance is not None and bool(instance.scores)
     unperceived = levels is None or (levels < 0).all()
@@ -606,13 +613,13 @@ def record_step(
         yes = said >= lowest_yes(momdp.levels)
         answers[domain.columns(momdp.query.attributes)] = np.where(said >= 0, yes, -1)
         record.add_answers(task.key, task.object_name, e, answers)
-    # When all recordings are used, a loop that succeeds looks as one that fails; so does one whose
-    # features cannot be read.
+    # If all recordings are used or features cannot be read, success looks like failure for a
+    # behavior that does not change the state.
     left_before = percepts_left(momdp, step.belief)[e] + shows
     unread = step.unread and not shows and step.next_x == step.x
     success = -1
     if momdp.legal[step.x, e] and left_before > 0 and not unread:
-        # Where the diagram does not lead, it was not meant to go.
+        # A transition that is not in the diagram is not a success.
         meant = momdp.transition[e, step.x, step.next_x] > 0
         success = int(shows or (step.next_x != step.x and meant))
     record.add_execution(

@@ -25,8 +25,8 @@ from meal_bayes.seeds import Key, stream
 from meal_bayes.trials import Step, Task
 
 OnStep = Callable[[Step], None] | None  # called after each step
-_LABEL_ACCURACY = 0.99  # of what was told of an object, where nobody says how far labels are right
-_MOST_VOTES = 5  # of one side more than of the other, beyond which a belief could not be moved
+_LABEL_ACCURACY = 0.99  # default accuracy of the labels of a recognized object, and the largest
+_MOST_VOTES = 5  # largest difference of votes, so that percepts can still change the belief
 
 
 class Fit(Protocol):
@@ -104,11 +104,11 @@ def limits_of(fit: Fit, limit: ArrayLike) -> NDArray[np.float64]:
 
 
 def told_of(fit: Fit, task: Task) -> NDArray[np.float64] | None:
-    """Return Pr(attribute is true) (N,) by what was told of a task's object, if it is recognized.
+    """Return Pr(attribute is true) (N,) from the labels of a task's object, if it is recognized.
 
-    An agent with memory recognizes an object of which anything was told. Labels of different trials
-    err independently given the truth. Where as many say yes as no, they tell nothing, and the
-    probability is NaN; None where nothing was told.
+    An agent with memory recognizes an object with at least one label. Labels of different trials
+    have independent errors given the truth. If as many labels say yes as no, or there is none, the
+    probability is NaN. The result is None if the object is not recognized.
     """
     if not fit.agent.memory:
         return None

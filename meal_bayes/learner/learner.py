@@ -79,14 +79,14 @@ _STRANGER = (
 
 
 class _Fits:
-    """An `Online` of each agent in use, a `HeldOut` of each object of a table.
+    """The fits of a learner: an `Online` for each agent, a `HeldOut` for each object of a table.
 
-    The second are functions of table and labels. The first are state: made by `refit`, at an
-    agent's first use, and by `update` where a refit is due; nothing that is only looked at makes
-    one that would not be made then, as whatever changes the record uses the agent first.
+    A `HeldOut` is a function of the table and the labels. An `Online` has a state: it is made by
+    `refit`, when an agent is first used, and by `update` if a refit is due. Reading a result never
+    changes this state, because every change of the record uses the agent first.
 
-    Agents are compared, not hashed: a solver or a bonus of one's own need not be hashable. There
-    are few of them.
+    Agents are compared by equality and not by hash, because a user's solver or bonus may not be
+    hashable. There are only a few agents.
     """
 
     def __init__(self, record: Experience, settings: LearnerSettings) -> None:
@@ -96,7 +96,7 @@ class _Fits:
         self._held_out: list[HeldOut] = []
 
     def of(self, agent: Agent) -> Online:
-        """Return what an agent makes of the record, made when it is first used."""
+        """Return the fit of an agent; make it if the agent is used for the first time."""
         for fit in self.online:
             if fit.agent == agent:
                 return fit
@@ -105,11 +105,11 @@ class _Fits:
         return fit
 
     def has(self, agent: Agent) -> bool:
-        """Return whether an agent has made anything of the record."""
+        """Return whether there is a fit of an agent."""
         return any(fit.agent == agent for fit in self.online)
 
     def held_out(self, table: PerceptTable, agent: Agent, o: int, beside: Objects = ()) -> HeldOut:
-        """Return what an agent makes of the objects of a table but one, and those beside it."""
+        """Return the fit of an agent to a table without object `o` and the objects `beside`."""
         for fit in self._held_out:
             if (fit.object_index, fit.beside) == (o, beside) and fit.agent == agent:
                 return fit
@@ -118,20 +118,20 @@ class _Fits:
         return fit
 
     def clear(self) -> None:
-        """Forget what agents made of the record."""
+        """Delete all fits."""
         self.online = []
         self._held_out = []
 
     def update(self, rows: NDArray[np.intp]) -> None:
-        """Count instances (k,) with the labels that they have now."""
+        """Update all fits by instances (k,) with their present labels."""
         self._held_out = []
         for fit in self.online:
             fit.update(rows)
 
     def update_or_name_due(self, rows: NDArray[np.intp], *, anew: bool) -> list[Agent]:
-        """Count instances (k,) for agents whose refit is not due; return the others.
+        """Update the fits by instances (k,) if no refit is due; return the agents with one due.
 
-        Where executions were taken back it is due for all: everything is learned `anew`.
+        If executions were removed (`anew`), a refit is due for all agents.
         """
         due = [fit.agent for fit in self.online if anew or fit.due]
         self._held_out = []
@@ -141,11 +141,11 @@ class _Fits:
         return due
 
     def refitted(self, agents: Sequence[Agent]) -> list[Online]:
-        """Learn everything anew for some agents. The record is read, nothing is changed."""
+        """Return new fits for some agents; the record and the present fits do not change."""
         return [Online.refit(self.record, agent, self.settings) for agent in agents]
 
     def replace(self, refitted: Sequence[Online]) -> None:
-        """Let new fits take the places of those of the same agents."""
+        """Replace the fits of the same agents by new ones."""
         for new in refitted:
             agents = [fit.agent for fit in self.online]
             self.online[agents.index(new.agent)] = new
@@ -267,7 +267,7 @@ class Learner:
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
-        """Return what was learned of each attribute, or what to do next, as HTML."""
+        """Return what was learned about each attribute, or what to do next, as HTML."""
         head = f"<p>{escape(repr(self))}</p>"
         table = None if self.table is None else views.labeled_table(self.experience, self.table)
         labels = self.experience.object_labels.values if table is None else table.labels
@@ -279,7 +279,7 @@ class Learner:
         return f"{head}{learned_html(knowledge, labels)}"
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what a copy has, here or in another process; a refit ends before."""
+        """Return the state for a copy or another process, after a running refit has ended."""
         with self._lock:
             return self.__dict__.copy()
 
@@ -370,13 +370,13 @@ class Learner:
         return replay(self.table, self._read(question, object_name)[0], seed, repeats=repeats)
 
     def _fit(self, task: Task, *, learn: bool, beside: Objects = ()) -> Fit:
-        """Return what is known for a trial, by who runs it: training may be another agent's."""
+        """Return the fit for a trial; another agent may execute training trials."""
         if self.table is not None:
             return self._fits.held_out(self.table, self.agent, task.object_index, beside)
         return self._fits.of(training_agent(self.agent) if learn else self.agent)
 
     def _fit_agents(self) -> None:
-        """Let the agents learn from the record before it changes, if they have not."""
+        """Make the fits of the agents before the record changes, if there are none."""
         if self.table is None and not self._stranger:
             for agent in (self.agent, training_agent(self.agent)):
                 self._fits.of(agent)
@@ -820,7 +820,7 @@ class Learner:
         payoffs: Sequence[float] | None = None,
         state: str | None = None,
     ) -> tuple[Task, Key, dict[str, object]]:
-        """Read a question that is asked now, and count it; return what its log says of it, too."""
+        """Read a question and count it; return its task, its key, and the header of its log."""
         with self._lock:
             task, streams = self._read(
                 question, object_name, key, learn=options.learn, answer=answer, payoffs=payoffs
@@ -839,14 +839,14 @@ class Learner:
         log: Path | None = None,
         header: Mapping[str, object] | None = None,
     ) -> Session:
-        """Plan a task whose random streams `key` names; return its session, logged where asked."""
+        """Plan a task with the random streams `key`; return its session, which may be logged."""
         domain = self.domain
         columns = domain.columns(task.query.attributes)
         with self._lock:
             if options.learn:
                 self._fit_agents()
             fit = self._fit(task, learn=options.learn, beside=options.beside)
-            learn = options.learn and fit.teaches  # replays teach nothing
+            learn = options.learn and fit.teaches  # nothing is learned from replays
             if fit.teaches:
                 task = replace(task, learn=learn)
             policy: Policy | None = None
@@ -858,7 +858,7 @@ class Learner:
                     usual = domain.diagram.compile(domain.behavior_names)
                     policy = FaultTolerant(momdp, policy, partial(solve, fit, task, key), usual)
             if learn:
-                self.experience.trial_number(task.key)  # it is the learner's own from now on
+                self.experience.trial_number(task.key)  # the trial is now part of the experience
                 self._under_way.add(task.key)
         truth = options.truth
         if isinstance(truth, Mapping):
@@ -906,14 +906,14 @@ class Learner:
         header: Mapping[str, object],
         resumed: Interrupted | None = None,
     ) -> None:
-        """Log a session from now on, with a header that says how it came about."""
+        """Log a session from now on, with a header that describes how it began."""
         drawn = {"seed": self.settings.seed, "streams": list(session.key), "data": self.domain.data}
         log = LiveLog(path, {**drawn, **header}, session.task.object_name, resumed=resumed)
         self._logs.note({session.task.key: log.path.parent})
         session.record(log)
 
     def _end(self, trial: Trial) -> None:
-        """Learn from a trial: labels of an object that is recognized are known already."""
+        """Learn from a trial that has ended; a recognized object may have labels already."""
         with self._lock:
             self._under_way.discard(trial.task.key)
             self._fits.update(self.experience.instances_of_trial(trial.task.key))
@@ -959,20 +959,20 @@ class Learner:
                 self.agent.warm_up(self.domain, Query(self.domain.attributes[:1]))
 
     def _change(self, agent: Agent, *, refit: bool = False) -> Change:
-        """Return the change to an agent, or to what is learned anew."""
+        """Return the message for a change of the agent, or for a refit."""
         before = agent_digest(self.agent)
         used = self._fits.has(self.agent)
         under_way = self._steps_under_way()
         return Change(agent.name, agent_digest(agent), before, used, refit, under_way=under_way)
 
     def _log_change(self, change: Change) -> None:
-        """Log a change of what is learned from now on; without experience there is none."""
+        """Log a change, unless there is no experience yet."""
         folder = self._logs.log_path(None)
         if folder is not None and self.table is None and not self.experience.is_empty:
             log_told(self.experience, folder, change)
 
     def _steps_under_way(self) -> dict[Key, int]:
-        """Return how many steps are recorded of each trial that is under way."""
+        """Return the number of recorded steps of each trial in progress."""
         trials = self.experience.trials
         recorded = np.bincount(self.experience.executions.values["trial"], minlength=len(trials))
         return {key: int(recorded[trials[key]]) for key in self._under_way}
@@ -1021,8 +1021,8 @@ class Learner:
                 )
             if settings.posterior is not None:
                 raise SettingsError(
-                    f"The posterior that this learner was given has no {name!r:.60}; make "
-                    "a learner without posterior=, or give one with the attribute."
+                    f"The posterior of this learner (posterior=) has no attribute {name!r:.60}; "
+                    "make a learner without posterior=, or give one with this attribute."
                 )
             change = replace(self._change(self.agent), added=name, values=tuple(values))
             self.hear_attribute(name, values)
@@ -1070,7 +1070,7 @@ class Learner:
         with self._lock:
             if isinstance(trial, str) and self.table is None:
                 warn_of_typo(self.experience, name)
-            # A test is no experience: what is told of it is told of its object by name.
+            # A test is not part of the experience, so its labels are those of its named object.
             key = key_of_name(name)
             if isinstance(trial, Trial) and trial.task.learn:
                 key = trial.task.key
@@ -1127,16 +1127,16 @@ class Learner:
             self._logs.note(folders)
 
     def _telling(self, name: str, key: Key, *, recordings: bool = False) -> Telling:
-        """Return what is about to be told, with what was known before."""
+        """Return the labels before a change, with the name and key to which it applies."""
         self._fit_agents()
         before = views.labels_touched(self.experience, key, name)
         return Telling(name, key, before, recordings, self._steps_under_way())
 
     def _learn_told(self, trial: Trial | str, telling: Telling, moved: NDArray[np.intp]) -> None:
-        """Learn from what was told, of instances (k,); log it, beside its trial's log if it can be.
+        """Learn from changed labels of instances (k,), and log them beside the trial's log.
 
-        What says nothing new is no reason to learn all anew: the logs do not say it either. A refit
-        goes on behind the lock; logging changes nothing that it reads.
+        Labels that change nothing are not logged and do not lead to a refit. A refit runs in a
+        thread that holds the lock; logging does not change its inputs.
         """
         feedback = telling.feedback(self.experience)
         if feedback is None:
@@ -1148,7 +1148,7 @@ class Learner:
             log_told(self._experience, folder, feedback)
 
     def _refit_behind(self, agents: Sequence[Agent]) -> None:
-        """Refit for agents in a thread of its own, for whose end the next call waits."""
+        """Refit for agents in a thread; the next call waits for its end."""
         if not agents:
             return
         _notes.info("%r refits; the next call waits for it", self)
@@ -1251,7 +1251,7 @@ class Learner:
         return learner
 
     def _saved(self) -> SavedLearner:
-        """Return all that this learner is."""
+        """Return the complete state of this learner."""
         return SavedLearner(
             agent=self.agent,
             settings=self.settings,

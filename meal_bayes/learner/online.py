@@ -57,7 +57,7 @@ from meal_bayes.planners.search.policy import POMCPPolicy
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Task
 
-_SAME = 0.05  # success probabilities that differ by less are not planned with anew
+_SAME = 0.05  # smallest change of a success probability after which plans are made again
 
 
 def chances(domain: Domain) -> NDArray[np.float64]:
@@ -70,8 +70,8 @@ class PlanKey(NamedTuple):
     """Key of plans: questions with equal keys can share plans between two refits."""
 
     query: Query
-    limits: bytes  # (E,) percepts of each behavior that a trial can have
-    bonus: bytes = b""  # (N,E,2) of a test that is planned with one
+    limits: bytes  # (E,) largest number of percepts of each behavior in a trial
+    bonus: bytes = b""  # (N,E,2) exploration bonus of a test, if it has one
 
 
 @dataclass(eq=False)
@@ -89,16 +89,16 @@ class Online:
     trained_cells: NDArray[np.bool_]  # (O,E,P) whether a classifier has seen a label of the object
     experience_at_refit: NDArray[np.int64]  # (2,P,E) labeled instances and objects
     unit_at_refit: float  # labeled instances that make one unit of experience
-    trials_at_refit: int  # that taught
-    told_at_refit: float  # fraction of the labels beyond a first that people told
+    trials_at_refit: int  # number of training trials
+    told_at_refit: float  # see `views.told_fraction`
     percepts_at_refit: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
     percepts: NDArray[np.float64]  # the same now
-    n_labels_at_refit: NDArray[np.int64]  # (P,) of instances, whether the refit used them or not
-    n_labels_pooled: int  # of objects, when it was learned how far base rates are pooled
-    edges: NDArray[np.float64]  # (P,E,K-1) between the levels of scores; NaN where none came
+    n_labels_at_refit: NDArray[np.int64]  # (P,) labels of instances, used by the refit or not
+    n_labels_pooled: int  # number of labels of objects when the pooling of base rates was learned
+    edges: NDArray[np.float64]  # (P,E,K-1) between the levels of scores; NaN if there is no score
     levels: Rows  # (n,P) percepts of all instances; -1 unknown
     counted_labels: Rows  # (n,P) labels that were counted since the refit; -1 none
-    # Without a bonus, and with one: functions of what stands above, kept until that moves.
+    # Caches of policies without and with a bonus, which are cleared if the knowledge changes.
     policies: dict[PlanKey, tuple[MOMDP, Policy]] = field(default_factory=dict)
     plan_libraries: dict[PlanKey, POMCPPolicy] = field(default_factory=dict)
     values: dict[bytes, NDArray[np.float64]] = field(default_factory=dict)  # see `Progress`
@@ -119,7 +119,7 @@ class Online:
         count_detections(record, counts, data.objects, labels, detections)
         percepts = fractions(record, perception, counts).sum(axis=0)
         object_labels = data.labels
-        if not data.objects:  # nothing is known: one object of which nothing is
+        if not data.objects:  # without objects, use one object without percepts and labels
             counts = np.zeros((1, *counts.shape[1:]), np.int64)
             object_labels = np.full(counts.shape[:2], -1, np.int8)
         knowledge = knowledge_of(
@@ -130,7 +130,7 @@ class Online:
             given=views.given_pairs(record),
             label_accuracy=settings.label_accuracy or 1.0,
         )
-        if settings.posterior is not None:  # one's own, in place of what these counts say
+        if settings.posterior is not None:  # the user's posterior replaces the learned one
             knowledge = replace(knowledge, posterior=settings.posterior)
         n_attributes = len(record.domain.attributes)
         fit = cls(
@@ -169,7 +169,7 @@ class Online:
         if every is None:
             return False
         now = (labels >= 0).sum(axis=0)
-        # Of an attribute that was added, few labels stand beside many of the others.
+        # Labels of an added attribute are counted separately, because there are few of them.
         added = slice(self.record.first_attributes, None)
         numbers = np.append(now[added], now.sum())
         at_refit = np.append(self.n_labels_at_refit[added], self.n_labels_at_refit.sum())
@@ -183,8 +183,7 @@ class Online:
         o = self.record.instances.values["object"][rows]
         labels = views.labels_of(self.record, memory=self.agent.memory)[rows]
         labels = np.where(self._uncounted(rows) | (self.levels.values[rows] < 0), -1, labels)
-        # Objects are the clusters of the posterior: of each that changed, its old counts are taken
-        # out and its new ones put in.
+        # Objects are the clusters of the posterior: replace the counts of each changed object.
         moved = np.zeros(len(domain.attributes), np.bool_)
         changed = (labels != self.counted_labels.values[rows]).any(axis=1)
         for n in dict.fromkeys(o[changed].tolist()):
@@ -209,7 +208,7 @@ class Online:
             n = min(len(object_labels), len(earlier.labels))
             moved |= (object_labels[:n] != earlier.labels[:n]).any(axis=0)
             moved |= (object_labels[n:] >= 0).any(axis=0)
-        # Policies stay where nothing that they were solved with has moved.
+        # Keep the policies of queries for which nothing has changed.
         self.policies = {
             key: plan
             for key, plan in self.policies.items()
@@ -218,9 +217,10 @@ class Online:
         self._succeed()
 
     def _pool(self, object_labels: Labels) -> bool:
-        """Return whether to learn anew how far rates are pooled: as often as all else, by labels.
+        """Return whether to learn the pooling of base rates again, which depends only on labels.
 
-        It takes no recordings, so that a robot that only is told things learns it without a refit.
+        The rule is that of refits, but counts labels of objects, so that a robot without recordings
+        learns the pooling, too.
         """
         every = self.settings.refit_every
         number = int((object_labels >= 0).sum())
@@ -231,7 +231,7 @@ class Online:
         return pool
 
     def _succeed(self) -> None:
-        """Learn how often behaviors succeed and answers are right, once that moved by 1 in 20."""
+        """Update success rates and the accuracy of answers if one of them has changed by .05."""
         domain = learn_answers(self.record.domain, views.answered(self.record))
         if self.settings.learn_success:
             domain = learn_success(domain, views.attempts(self.record))
@@ -242,7 +242,7 @@ class Online:
             self.values = {}
 
     def _cut_anew(self) -> None:
-        """Cut the scores of pairs anew of which nothing was counted yet: their ranks have moved."""
+        """Compute new levels of scores for pairs without counts, whose quantiles have changed."""
         scores = self.record.scores.values
         if np.isnan(scores).all():
             return
@@ -254,9 +254,9 @@ class Online:
         self.levels.values[moved] = levels_by(self.record, self.edges)[first][moved]
 
     def _perceive_new(self) -> None:
-        """Perceive the instances since the last time.
+        """Compute the percepts of instances that were added since the last call.
 
-        What has neither features nor scores is perceived as it was in its trial.
+        Instances without features and scores keep the percepts of their trial.
         """
         record = self.record
         n_levels = self.agent.levels
@@ -270,7 +270,7 @@ class Online:
             name = record.domain.behavior_names[e]
             rows = views.sensed(record, self.sizes, name)
             rows = rows[rows >= first]
-            # Log-odds of 0, even odds, where no classifier knows the behavior yet.
+            # Even odds if there is no classifier for the behavior yet.
             log_odds = np.zeros((len(rows), levels.shape[1]))
             classifier = self.perception.classifiers.get(name)
             if classifier is not None and len(rows):
@@ -286,7 +286,7 @@ class Online:
         self.counted_labels.extend(np.full_like(levels[first:], -1))
 
     def _counts(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
-        """Count the percepts of instances (k,) as they are labeled, (P,E,2,K)."""
+        """Count the percepts of instances (k,) by their labels, (P,E,2,K)."""
         labels = self.counted_labels.values[rows]
         levels = self.levels.values[rows]
         counts = np.zeros(self.knowledge.posterior.counts.shape, np.int64)
@@ -296,9 +296,13 @@ class Online:
         return counts
 
     def _uncounted(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Return which labels of instances (k,) the refit used, or classifiers know too well."""
+        """Return which labels of instances (k,) must not be counted by an update.
+
+        These are labels that the refit used, and those of objects on which a classifier was
+        trained.
+        """
         instances = self.record.instances.values[rows]
-        # What the refit did not know yet stands at the end: no label used, no classifier trained.
+        # One row at the end for objects and instances that are new since the refit.
         new_object = np.zeros_like(self.trained_cells, shape=(1, *self.trained_cells.shape[1:]))
         trained = np.concatenate([self.trained_cells, new_object])
         new_instance = np.full((1, self.labels_at_refit.shape[1]), -1)
@@ -346,7 +350,7 @@ class Online:
             return levels
         detected = detected_levels(instance.percepts, domain, n_levels)
         scores = scores_of(instance.scores, domain)
-        known = len(self.edges)  # attributes may have been added since, of which nothing is cut
+        known = len(self.edges)  # attributes that were added since the refit have no edges
         scored = self.record.no_labels
         of_behavior = self.edges[:, domain.behavior_index(instance.behavior)]
         scored[:known] = scored_levels(scores[:known], of_behavior)
@@ -414,7 +418,7 @@ class Online:
         if object_name is None:
             return at_refit
         record = self.record
-        # A trial that is resumed is planned as it was when it began: its own steps do not count.
+        # The steps of the trial itself do not count, so that a resumed trial has the same plan.
         own = record.instances_of_trial(task.key)
         (instances, objects), unit = experience_of(record, self.agent, self.settings, own)
         now = replace(
@@ -444,14 +448,14 @@ class Online:
     ) -> tuple[MOMDP, Policy]:
         """Build and solve the problem of a task, with a bonus if it explores (Alg. 2, l. 7-10)."""
         exploration = self.agent.exploration
-        # An object that is recognized has a prior of its own, so its problem is built anew.
+        # A recognized object has its own prior, so its problem is built again.
         recognized = told_of(self, task) is not None
         if explore and (recognized or not isinstance(exploration, NoBonus)):
             return self._plan_exploring(task, streams, limit)
         momdp = None
         if not explore and self.settings.shaped_answers and isinstance(exploration, ITRSBonus):
             momdp = add_bonus(exploration, problem_of(self, task, limit), self.progress(task, ""))
-        # A bonus moves with every training trial; all else that is planned with, by the posterior.
+        # A bonus changes with every training trial; everything else changes with the posterior.
         bonus = b"" if momdp is None else momdp.bonus.tobytes()
         key = PlanKey(task.query, limits_of(self, limit).tobytes(), bonus)
         if key in self.policies and not recognized:
@@ -512,14 +516,14 @@ class RecordingPerceiver:
         domain = fit.record.domain
         spec = domain.behaviors[domain.behavior_index(instance.behavior)]
         if spec.answer_accuracy is None:
-            # Of a test nothing is recorded: where percepts are drawn, none has to be computed.
+            # A test records nothing, so no percept is computed if percepts are drawn.
             if self._drawn is not None and not self._task.learn:
                 return self._drawn.observe(instance, query, rng)
             levels = fit.perceive(instance)
         else:
             levels = fit.perception.observe(instance, fit._known, rng)
         self._last = instance, levels
-        if self._drawn is not None:  # of the learned tables, not those that came
+        if self._drawn is not None:  # draw from the learned matrices instead
             return self._drawn.observe(instance, query, rng)
         return np.asarray(levels[domain.columns(query.attributes)], np.int8)
 
@@ -527,7 +531,7 @@ class RecordingPerceiver:
         """Record an executed step, unless it was recorded before a restart."""
         last = self._last
         self._last = None
-        if last is None and step.sensed is not None:  # before a restart, by the same classifiers
+        if last is None and step.sensed is not None:  # a step from before a restart
             last = step.sensed, self._fit.perceive(step.sensed)
         if self._n_recorded:
             self._n_recorded -= 1
@@ -538,7 +542,7 @@ class RecordingPerceiver:
             self._on_step(step)
 
 
-# What a refit makes of the record, step by step.
+# The steps of a refit.
 
 
 def classify(
@@ -569,13 +573,13 @@ def classify(
     data, rows, recorded = views.training(record, learned, sizes)
     training = _selected(recorded, np.asarray((recorded.labels >= 0).any(axis=1)))
     perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
-    # Scaling comes from all instances; the labels have no part in it.
+    # Scaling uses all instances, with and without labels.
     spaces = None
     if settings.classifier is not None:
         perceives = with_classifier(settings.classifier, levels=agent.levels)
     elif agent.whiten:
         spaces = fit_spaces(data, recorded, whiten=True)
-    else:  # the spaces of what it was given hold for good
+    else:  # feature spaces of given recordings do not change later
         from_dataset = record.instances.values["origin"][rows] == FROM_DATASET
         not_in_dataset = ~np.isin(recorded.behavior, recorded.behavior[from_dataset])
         spaces = fit_spaces(data, _selected(recorded, from_dataset | not_in_dataset))
@@ -721,7 +725,7 @@ def fractions(
         silent[:, perception.domain.behavior_index(name)] = ~classifier.used
     i, p = np.nonzero(views.detected(record))
     silent[p, record.instances.values["behavior"][i]] = False
-    # No and yes alike, so that what tells nothing adds to neither rate.
+    # One half each, so that uninformative percepts do not move the rates.
     even = silent[..., None, None] & (total > 0)
     return np.asarray(np.where(even, 0.5, sides / np.maximum(total, 1)))
 

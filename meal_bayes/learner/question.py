@@ -1,4 +1,4 @@
-"""The door of a learner: a question becomes a task, and its options one value."""
+"""Reading of questions into tasks, options of trials, and their checks."""
 
 import re
 import secrets
@@ -41,17 +41,17 @@ _COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})$")
 
 @dataclass(frozen=True, slots=True)
 class TrialOptions:
-    """How a trial is run; `Learner.ask` and `Learner.begin` say what each means."""
+    """Options of a trial; `Learner.ask` and `Learner.begin` describe them."""
 
     truth: Mapping[str, bool] | ArrayLike | None = None
     learn: bool = True
-    limit: ArrayLike = np.inf  # (E,) percepts of each behavior that the robot can show
+    limit: ArrayLike = np.inf  # (E,) largest number of percepts of each behavior
     max_steps: int = MAX_STEPS
     max_cost: float | None = None
     on_step: Callable[[Step], None] | None = None
     commanded: bool = False
     beside: Objects = ()  # objects of the table whose labels are unknown, too, as in `find`
-    seed: int | None = None  # of what is drawn; the learner's by default
+    seed: int | None = None  # seed of random draws; the learner's by default
 
     def __post_init__(self) -> None:
         Limits(self.max_steps, self.max_cost)  # which checks them
@@ -60,12 +60,10 @@ class TrialOptions:
         if self.seed is not None:
             check_whole("seed", self.seed)
         if not (self.on_step is None or callable(self.on_step)):
-            raise SettingsError(
-                f"on_step is {self.on_step!r:.60}; give a function that takes a step."
-            )
+            raise SettingsError(f"on_step is {self.on_step!r:.60}; give a function of a step.")
 
     def begun(self, state: str | None) -> dict[str, object]:
-        """Return what a log says of how a trial was begun, in a state, for who resumes it."""
+        """Return the options that a log stores, with the state, so that a trial can be resumed."""
         return {
             "state": state,
             "learn": self.learn,
@@ -78,17 +76,17 @@ class TrialOptions:
 
 @dataclass(slots=True)
 class QuestionCounts:
-    """How many questions with robots a learner was asked; tests move no stream of lessons."""
+    """Numbers of questions with robots; tests are counted separately, so they change no stream."""
 
     lessons: int = 0
     tests: int = 0
 
     def next_key(self, *, learn: bool) -> str | int:
-        """Return what names the random streams of the next question."""
+        """Return the name of the random streams of the next question."""
         return self.lessons if learn else f"test {self.tests}"
 
     def count(self, *, learn: bool, key: str | int | None = None) -> dict[str, str | int]:
-        """Count a question, whose streams a person may name; return what its log says of it."""
+        """Count a question, whose streams may have a key; return the entry for its log."""
         number = self.next_key(learn=learn)
         if learn:
             self.lessons += 1
@@ -100,14 +98,14 @@ class QuestionCounts:
         return {"asked": number}
 
     def count_resumed(self, header: Mapping[str, object]) -> None:
-        """Count a question of before a restart, by its log, so that none repeats its streams."""
+        """Count a question from before a restart, so that no later one uses its streams again."""
         self._skip(header.get("asked"))
         key = header.get("streams")
         if isinstance(key, list) and len(key) > 2 and key[1] == LIVE:
             self._skip(key[2])
 
     def _skip(self, key: object) -> None:
-        """Let no later question have a key, if it is one of those that are counted."""
+        """Prevent later questions from using a key, if it has the form of a counted key."""
         counted = _COUNTED.match(str(key))
         if counted is None:
             return
@@ -130,8 +128,8 @@ def read_task(
 ) -> tuple[Task, Key]:
     """Read a question into a task; return it with the key of its random streams.
 
-    A trial with a robot has an identity in its task's key that no other trial has, of whatever
-    session, and so has an object without a name. What is drawn depends on `key` instead.
+    The key of a task with a robot contains a random identity, which is unique over all sessions; so
+    does the name of an object that was not named. Random draws depend on `key` instead.
     """
     if isinstance(question, Task | Query) and (answer != "values" or payoffs is not None):
         raise SettingsError(
@@ -147,7 +145,7 @@ def read_task(
         return question, question.key
     key = plain(key)
     if not isinstance(key, str | int | None):
-        raise SettingsError(f"key is {key!r:.60}; give a text.")
+        raise SettingsError(f"key is {key!r:.60}; give text or a whole number.")
     if isinstance(key, str) and (fault := name_fault(key)):
         raise SettingsError(f"The key {key!a:.60} {fault}; give another.")
     query = question
@@ -169,30 +167,31 @@ def read_task(
 
 
 def start_again(start: str, left: str | None) -> str:
-    """Return the state in which a trial starts of which nobody says it, the domain's start.
+    """Return the state in which a trial begins if none is given: the domain's start state.
 
     Raises
     ------
     SettingsError
-        The last trial left the robot elsewhere.
+        If the last trial left the robot in another state.
     """
     if left not in (None, start):
         raise SettingsError(
-            f"The last trial left the robot in {left!r}, and a trial begins in {start!r} unless "
-            f"you say where the robot is. Give begin(..., state={left!r}) if it is still there, or "
-            f"state={start!r} once it was brought there; ask() with a robot asks its start()."
+            f"The last trial left the robot in state {left!r}, but a trial begins in {start!r} by "
+            f"default. Call begin(..., state={left!r}) if the robot is still there, or "
+            f"begin(..., state={start!r}) after you have brought it there. ask() with a robot "
+            "calls the robot's start() instead."
         )
     return start
 
 
 def check_domain(domain: Domain, trial: Trial) -> None:
-    """Refuse a trial of other behaviors than a domain's, or about attributes that it lacks."""
+    """Raise `SettingsError` if a trial has other behaviors or attributes than the domain."""
     for name in trial.task.query.attributes:
         if name not in domain.attributes:
             says = unknown("attribute", name, domain.attributes)
             raise SettingsError(
-                f"The trial {trial.task.name!r} is of another domain. {says} Load the domain of "
-                "that trial, or add the attribute (add_attribute)."
+                f"The trial {trial.task.name!r} belongs to another domain. {says} Load the domain "
+                "of that trial, or add the attribute (add_attribute)."
             )
     theirs = trial.momdp.behavior_names
     ours = domain.behavior_names
@@ -204,7 +203,7 @@ def check_domain(domain: Domain, trial: Trial) -> None:
 
 
 def check_resumed(trial: Trial, record: Experience, agent: Agent) -> None:
-    """Refuse a trial that cannot go on with a domain and an agent: its steps mean other things."""
+    """Raise an error if a trial cannot continue with a domain and an agent."""
     check_domain(record.domain, trial)
     end = "Load the learner that began it, or end it by give_up()."
     states = trial.momdp.x_names
@@ -215,39 +214,40 @@ def check_resumed(trial: Trial, record: Experience, agent: Agent) -> None:
         )
     if trial.momdp.levels != agent.levels:
         raise LogError(
-            f"The trial {trial.task.name!r} has percepts of {trial.momdp.levels} levels, those of "
-            f"this learner's agent have {agent.levels}. {end}"
+            f"The trial {trial.task.name!r} has percepts of {trial.momdp.levels} levels, but those "
+            f"of this learner's agent have {agent.levels}. {end}"
         )
 
 
 def is_idle(trial: Trial, agent: Agent) -> bool:
-    """Return whether an agent that does not explore answered at once, as it had learned nothing.
+    """Return whether an agent answered at once because it has learned nothing and does not explore.
 
-    Ours explores by what it does not know; that of the paper is paid for ambiguous percepts alone.
+    Agents with a `LearningBonus` explore what they do not know. The bonus of the paper is only for
+    percepts with high entropy.
     """
     if isinstance(agent.exploration, LearningBonus) or len(trial.steps) != 1:
         return False
     counts = trial.counts
     nothing = counts is not None and not counts.any()
-    # Who compares no values, such as a script or a limit, did not find touching worth too little.
+    # Without values, the agent did not compare behaviors with the answer.
     valued = np.isfinite(trial.steps[0].decision.values).any()
     return bool(nothing and valued and trial.report is not None)
 
 
 def start_of(trial: Trial, start: str, state: str | None) -> str:
-    """Return where a trial that was broken off began, if its robot is where its log ends.
+    """Return the first state of an interrupted trial, if the robot is in the last state of its log.
 
-    Since then it may have moved, or been moved. Without steps it began in `start`. Where it has
-    answered, no behavior follows, and it may be anywhere.
+    The robot may have been moved since the interruption. A trial without steps began in `start`. If
+    the trial has an answer already, no behavior follows, and the robot may be in any state.
 
     Raises
     ------
     SettingsError
-        Nobody says where it is, of several states.
+        If `state` is None and there are several states.
     RobotError
-        A state in which the robot cannot be.
+        If the state is not possible.
     LogError
-        It is elsewhere.
+        If the robot is not in the last state of the log.
     """
     states = trial.momdp.x_names
     end = start
@@ -259,8 +259,8 @@ def start_of(trial: Trial, start: str, state: str | None) -> str:
     if state is None:
         if len(states) > 2:  # and "term"
             raise SettingsError(
-                f"The log ends with the robot in {end!r}; since then it may have moved. Look "
-                f"where it is: if it is still there, call resume(state={end!r})."
+                f"The log ends with the robot in {end!r}, but the robot may have moved since then. "
+                f"If it is still there, call resume(state={end!r})."
             )
         return start
     state_index(states, state, "resume(state=)")
@@ -275,10 +275,10 @@ def start_of(trial: Trial, start: str, state: str | None) -> str:
 def robot_or_name(
     robot: Robot | str | None, object_name: str | None
 ) -> tuple[Robot | None, str | None]:
-    """Return a robot, and the object's name, which may stand in the robot's place for a replay."""
+    """Return the robot and the object's name; for a replay, a name can replace the robot."""
     if isinstance(robot, str):
         if object_name not in (None, robot):
-            raise SettingsError(f"Objects {robot!r} and {object_name!r} are named; give one.")
+            raise SettingsError(f"Two objects are named, {robot!r} and {object_name!r}; give one.")
         return None, robot
     driver: Any = robot  # users give anything
     acts = hasattr(driver, "start") and hasattr(driver, "execute")
@@ -292,7 +292,8 @@ def robot_or_name(
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
     """Return the labels (N,) that a verdict on a report (N,) implies; -1 unknown.
 
-    A wrong report of several attributes implies none, as any of them may be wrong (Sect. 7.3).
+    A wrong report about several attributes implies no label, because any of them may be wrong
+    (Sect. 7.3).
     """
     said = real_vector("report", report) != 0
     if right:

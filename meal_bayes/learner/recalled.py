@@ -1,7 +1,7 @@
-"""Experience from logs: what a robot did in its trials, and what people told.
+"""Experience from logs: the trials of a robot, and the labels that people gave.
 
-A learner that is built again, from logs or for the next question of the command line, hears here
-what the logs say.
+The functions add logged trials and labels to a learner, for example after a restart or for the next
+question of the command line.
 """
 
 import warnings
@@ -123,7 +123,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     waiting = list(recalled)
 
     def in_order() -> Iterator[tuple[str, Feedback]]:
-        """Yield what was told; before it, the trials of before are learned from."""
+        """Yield feedback, after the learner has learned from all earlier trials."""
         for file, entry in entries:
             keys = [trial.task.key for trial in waiting]
             earlier = [names[key] < file for key in keys]
@@ -131,7 +131,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
             if isinstance(entry, Feedback) and entry.key in keys:
                 count = max(count, keys.index(entry.key) + 1)
             before = waiting[:count]
-            # Of a trial that was under way the later steps are learned from behind this.
+            # Later steps of a trial that was in progress are learned after this feedback.
             waiting[:count] = [trial for trial in before if trial.task.key in entry.under_way]
             for trial in before:
                 learner.hear_trial(trial, entry.under_way.get(trial.task.key))
@@ -141,12 +141,12 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
                 experience.feedback_logs[file] = None
                 learner.hear_change(entry, own)
 
-    # At the moments at which the learner that wrote the logs did, so that refits are the same.
+    # Learn at the same points as the learner that wrote the logs, so that refits are the same.
     with learner.hearing_changes(_unheard_changes(experience, entries)) as own:
         tell_again(experience, in_order(), None if learner.table else learner.hear_moved)
         for trial in waiting:
             learner.hear_trial(trial)
-    if not in_time:  # in what order is not known
+    if not in_time:  # the order is not known
         learner.hear_refit()
     faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]
     if faults:
@@ -161,7 +161,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
 
 
 def _is_readable(trial: Trial, levels: int) -> bool:
-    """Return whether percepts of a trial are of so many levels, or their features are known."""
+    """Return whether a trial has percepts of this number of levels, or its features are known."""
     if trial.momdp.levels == levels:
         return True
     return all(step.sensed is not None for step in trial.steps if step.observation is not None)
@@ -170,7 +170,7 @@ def _is_readable(trial: Trial, levels: int) -> bool:
 def _unheard_changes(
     experience: Experience, entries: Sequence[tuple[str, Feedback | Change]]
 ) -> list[Change]:
-    """Return the changes of the agent that an experience has not heard of, in their order."""
+    """Return the changes of the agent that the experience does not contain yet, in order."""
     heard = experience.feedback_logs
     changes = [entry for file, entry in entries if file not in heard and isinstance(entry, Change)]
     return [entry for entry in changes if not (entry.refit or entry.added)]
@@ -179,7 +179,7 @@ def _unheard_changes(
 def _additions(
     experience: Experience, entries: Sequence[tuple[str, Feedback | Change]]
 ) -> list[Change]:
-    """Return what was added to the domain and an experience has not heard of, in its order."""
+    """Return the additions to the domain that the experience does not contain yet, in order."""
     heard = experience.feedback_logs
     changes = (entry for file, entry in entries if file not in heard)
     return [entry for entry in changes if isinstance(entry, Change) and entry.added]
@@ -188,7 +188,7 @@ def _additions(
 def _domain_with(
     experience: Experience, entries: Sequence[tuple[str, Feedback | Change]]
 ) -> Domain:
-    """Return the domain with what was added by the logs."""
+    """Return the domain with the attributes that the logs add."""
     domain = experience.domain
     for change in _additions(experience, entries):
         if not {change.added, *change.values} & {*domain.attributes}:
@@ -197,16 +197,16 @@ def _domain_with(
 
 
 def hear(learner: Learner, folder: Path, on_fault: Callable[[str], object]) -> int:
-    """Let a learner hear what the logs of a folder say of objects by their names, or take back.
+    """Add the logged labels of objects in a folder to a learner, or remove them.
 
     Parameters
     ----------
     learner : Learner
-        It may replay a percept table.
+        A learner, which may have a percept table.
     folder : Path
-        Folder of the logs of trials, beside which feedback lies; it may be missing.
+        Folder with logs of trials and feedback; it may be missing.
     on_fault : Callable[[str], object]
-        Called with what is wrong with each log that cannot be read.
+        Function that is called with a message for each log that cannot be read.
 
     Returns
     -------

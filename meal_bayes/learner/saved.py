@@ -1,13 +1,13 @@
-"""A learner in one file: a zip of JSON and arrays, which nothing in it can make execute.
+"""A learner in one file: a zip archive of JSON and arrays, from which no code can be executed.
 
-`learner.json` holds settings; the experience is an array a table of it. What agents made of it, or
-the percept table that is replayed, is a tree of dataclasses and named tuples over arrays: each is
-written as its name and its fields, and only the classes that are listed here are read back.
-Classifiers of one's own could only be pickled: they are fitted again to what they were fitted to,
-with equal results where they are deterministic.
+`learner.json` contains the settings. Each table of the experience is an array. The fits of agents
+and the percept table are trees of dataclasses and named tuples with arrays. Each object is written
+as its name and its fields, and only the classes that are listed here are read. A user's own
+classifiers could only be pickled; instead, they are fitted again to the same data, with equal
+results if they are deterministic.
 
-A file has an id, and that of the file which its learner read or wrote before: whoever saves does
-not write over what somebody else has saved there.
+A file has an id, and contains the id of the file that its learner read or wrote before. So `save`
+can detect that another learner has saved the file since.
 """
 
 import contextlib
@@ -58,16 +58,16 @@ from meal_bayes.untrusted import (
     write_array,
 )
 
-_DEEPEST = 12  # fields inside each other
+_DEEPEST = 12  # largest depth of nested fields
 
 
 def agent_digest(agent: Agent) -> str:
-    """Compute the digest of all fields of an agent, its planner's and its functions' included."""
+    """Compute a digest of all fields of an agent, including its planner and its functions."""
     return hashlib.sha256("\0".join(_parts(agent, _DEEPEST)).encode()).hexdigest()[:16]
 
 
 def _parts(value: Any, depth: int) -> Iterator[str]:
-    """Yield texts that name a value, whatever process it is in."""
+    """Yield texts that identify a value in all processes."""
     kind = f"{type(value).__module__}.{type(value).__qualname__}"
     if depth == 0:
         return
@@ -99,7 +99,7 @@ def _parts(value: Any, depth: int) -> Iterator[str]:
         yield from _parts((value.__defaults__, value.__kwdefaults__, cells), depth - 1)
     elif isinstance(value, type):
         yield f"{value.__module__}.{value.__qualname__}"
-    else:  # of any other object, what its constructor is given and keeps under that name
+    else:  # any other object: the parameters of its constructor that it stores
         yield kind
         for name in sorted(inspect.signature(type(value)).parameters):
             if hasattr(value, name):
@@ -108,7 +108,7 @@ def _parts(value: Any, depth: int) -> Iterator[str]:
 
 
 def _code(code: CodeType) -> Iterator[str]:
-    """Yield what a function does: its instructions, names and constants."""
+    """Yield the instructions, names and constants of a function."""
     yield code.co_code.hex()
     yield repr(code.co_names)
     for constant in code.co_consts:
@@ -140,7 +140,8 @@ Json = Any
 def pack(value: Any, keep: Callable[[NDArray[Any]], str]) -> Json:
     """Return an object as JSON values; `keep` stores an array and returns its name.
 
-    Of a domain, which a learner has, only what is learned of it is written (`chances`).
+    The learner contains the domain, so only the learned probabilities of a domain are written (see
+    `chances`).
     """
     if value is None or isinstance(value, str | bool | int | float):
         return value
@@ -177,9 +178,9 @@ def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: 
     kind = None if "table" in packed else _CLASSES[packed["class"]]
     for name, value in values.items():
         if isinstance(value, np.ndarray) and value.dtype.kind == "f" and kind is not PerceptTable:
-            if name == "edges":  # of scores: open ends, and none where no score came
+            if name == "edges":  # edges of scores may be infinite or NaN
                 continue
-            infinite = name == "dispersion" and np.isposinf(value)  # objects that are all alike
+            infinite = name == "dispersion" and np.isposinf(value)  # objects do not differ
             if not (np.isfinite(value) | infinite).all():
                 raise ValueError(f"{name} is not finite")
     return values if kind is None else kind(**values)
@@ -207,17 +208,17 @@ _TABLES = (
     "answers",
     "object_labels",
 )
-_NAMES = ("objects", "trials", "feedback_logs")  # JSON values, a line each
+_NAMES = ("objects", "trials", "feedback_logs")  # one JSON value per line
 _LARGE = 2**62
 _MOST_LEVELS = 64
 
-Limits = tuple[int, int]  # the least value, and the end
+Limits = tuple[int, int]  # the smallest value, and the end of the range
 Tables = Mapping[str, NDArray[Any]]
 FeatureParts = list[Any]  # [number of the context, name of the rows' array, of the values']
 
 
 class _Sizes(NamedTuple):
-    """How many of each there are that a number of the record may name."""
+    """Numbers of rows to which the numbers in the record may refer."""
 
     instances: int
     objects: int
@@ -227,7 +228,7 @@ class _Sizes(NamedTuple):
 
 
 def write_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
-    """Write the tables of the record, and the names of its objects, trials and logs."""
+    """Write the tables of the experience, and the names of its objects, trials and logs."""
     for name in _TABLES:
         write_array(archive, name, getattr(experience, name).values)
     for name in _NAMES:
@@ -235,12 +236,12 @@ def write_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
 
 
 def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
-    """Read a record, once every number in it is known to fit.
+    """Read the experience, after checking all its numbers.
 
     Raises
     ------
     ValueError
-        What does not fit the domain, or what else is in the file.
+        If the tables do not fit the domain or each other.
     """
     experience = Experience(domain)
     empty = {name: getattr(experience, name).values for name in _TABLES}
@@ -271,7 +272,7 @@ def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
 
 
 def _column_limits(sizes: _Sizes) -> dict[str, dict[str, Limits]]:
-    """Return the limits of each column of the record's tables (`columns.py`)."""
+    """Return the limits of each column of the tables of the experience."""
     n, o, t, e, p = sizes
     return {
         "instances": {
@@ -308,7 +309,7 @@ def _column_limits(sizes: _Sizes) -> dict[str, dict[str, Limits]]:
 
 
 def _check_tables(tables: Tables, sizes: _Sizes) -> None:
-    """Raise a `ValueError` where a table names what there is not, or has another length."""
+    """Raise `ValueError` if a number is out of range, or a table has the wrong length."""
     for name, limits in _column_limits(sizes).items():
         for column in tables[name].dtype.names or ():
             check_limits(name, tables[name][column], limits[column])
@@ -326,14 +327,14 @@ def _check_tables(tables: Tables, sizes: _Sizes) -> None:
 
 
 def check_limits(name: str, values: NDArray[Any], limits: Limits) -> None:
-    """Raise a `ValueError` where a value lies outside of limits."""
+    """Raise `ValueError` if a value is outside of the limits."""
     least, end = limits
     if ((values < least) | (values >= end)).any():
         raise ValueError(f"{name} has an index out of range")
 
 
 def write_features(experience: Experience, keep: Callable[[NDArray[Any]], str]) -> FeatureParts:
-    """Write features, an array of each context and size; return where they are."""
+    """Write features, one array for each context and size; return the names of the arrays."""
     parts = []
     for number, context in enumerate(experience.domain.contexts):
         by_size: dict[int, list[int]] = {}
@@ -348,12 +349,12 @@ def write_features(experience: Experience, keep: Callable[[NDArray[Any]], str]) 
 def read_features(
     parts: FeatureParts, read: Callable[[str, str, int], NDArray[Any]], experience: Experience
 ) -> None:
-    """Read features into the record, in the order of instances.
+    """Read features into the experience, in the order of instances.
 
     Raises
     ------
     ValueError
-        Features that are not finite, or of no instance of their behavior.
+        If features are not finite, or do not belong to instances of their behavior.
     """
     contexts = experience.domain.contexts
     by_context: list[dict[int, NDArray[np.float32]]] = [{} for _ in contexts]
@@ -374,7 +375,7 @@ def read_features(
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
-    """Read JSON values, a line each."""
+    """Read JSON values, one per line."""
     return [json.loads(line) for line in read_member(archive, name).splitlines()]
 
 
@@ -386,16 +387,13 @@ _GROWING = ("levels", "counted_labels")
 
 
 def state_of(fit: Online, *, with_perception: bool) -> State:
-    """Return the fields of what an agent made of the record.
-
-    Classifiers of one's own are left out, as they cannot be written.
-    """
+    """Return the fields of an agent's fit; a user's own classifiers cannot be written."""
     state = {name: getattr(fit, name) for name in _FIELDS}
     return state if with_perception else {**state, "perception": None}
 
 
 def fit_of(experience: Experience, agent: Agent, settings: LearnerSettings, state: State) -> Online:
-    """Return what an agent made of the record; a `ValueError` where it is another's."""
+    """Return an agent's fit; raise `ValueError` if it does not belong to the experience."""
     _check_state(state, experience, agent)
     state = dict(state)
     for name in _GROWING:
@@ -409,7 +407,7 @@ def fit_of(experience: Experience, agent: Agent, settings: LearnerSettings, stat
 
 
 def _check_state(state: State, experience: Experience, agent: Agent) -> None:
-    """Raise a `ValueError` where arrays do not fit the record or its domain."""
+    """Raise `ValueError` if arrays do not fit the experience or its domain."""
     domain = experience.domain
     p = len(domain.attributes)
     e = len(domain.behaviors)
@@ -421,7 +419,7 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
     if state["perception"] is not None:
         sizes = dict(zip(domain.contexts, state["sizes"].tolist(), strict=True))
         _check_perception(state["perception"], domain, agent.levels, sizes)
-    # Of the first instances, or objects: others may have come since.
+    # These arrays may have fewer rows than the experience, which may have grown since.
     limits = {"labels_at_refit": 2, "levels": agent.levels, "counted_labels": 2}
     for name, end in limits.items():
         _check_shape(name, state[name], (min(len(state[name]), len(experience.instances)), p))
@@ -442,7 +440,7 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
 
 
 def _check_knowledge(knowledge: Knowledge, p: int) -> None:
-    """Raise a `ValueError` where rates or labels of P attributes are none."""
+    """Raise `ValueError` if rates or labels of P attributes are invalid."""
     _check_shape("base_rates", knowledge.base_rates, (p,))
     _check_within("base_rates", knowledge.base_rates, 0, 1)
     _check_shape("labels", knowledge.labels, (len(knowledge.labels), p))
@@ -464,7 +462,7 @@ def _check_knowledge(knowledge: Knowledge, p: int) -> None:
 def _check_perception(
     perception: Perception, domain: Domain, levels: int, sizes: Mapping[Context, int]
 ) -> None:
-    """Raise a `ValueError` where classifiers do not fit each other, or a domain."""
+    """Raise `ValueError` if classifiers do not fit each other or the domain."""
     p = len(domain.attributes)
     if perception.levels != levels:
         raise ValueError(f"classifiers of {perception.levels} levels, expected {levels}")
@@ -478,7 +476,7 @@ def _check_perception(
             _check_space(space, sizes[behavior, modality])
         recordings = {len(space.rows) for space in spaces.values()}
         dual, weights = classifier.fit.dual, classifier.fit.pool.weights
-        kernels = len(spaces), len(spaces) + 1  # with that of all of them
+        kernels = len(spaces), len(spaces) + 1  # without and with the joint kernel
         if len(dual) not in kernels or {dual.shape[2:]} != {(n,) for n in recordings}:
             raise ValueError(f"dual has shape {dual.shape}, which its recordings have not")
         _check_shape("dual", dual, (len(dual), p, *dual.shape[2:]))
@@ -487,7 +485,7 @@ def _check_perception(
 
 
 def _check_space(space: FeatureSpace, size: int) -> None:
-    """Raise a `ValueError` where parts of a space of so many features do not fit each other."""
+    """Raise `ValueError` if the parts of a feature space do not fit each other."""
     d = len(space.varying)
     check_limits("varying", space.varying, (0, size))
     if (np.diff(space.varying) <= 0).any():
@@ -512,7 +510,7 @@ def _check_within(
 
 
 def _check_distributions(name: str, values: NDArray[Any], shape: tuple[int, ...]) -> None:
-    """Raise a `ValueError` where rows are no probabilities."""
+    """Raise `ValueError` if rows are not probability distributions."""
     _check_shape(name, values, shape)
     _check_within(name, values, 0, 1)
     if not np.allclose(values.sum(axis=-1), 1.0):
@@ -530,7 +528,7 @@ _TEXT = LEARNER
 
 @dataclass(frozen=True, slots=True)
 class SavedLearner:
-    """All that a learner is: record, settings, and what agents in use made of the record."""
+    """The complete state of a learner: experience, settings, and fits of agents."""
 
     agent: Agent
     settings: LearnerSettings
@@ -539,13 +537,14 @@ class SavedLearner:
     fitted: list[Online]
     questions: QuestionCounts
     file: str  # id of the file
-    robot_state: str | None  # where the last trial left the robot
+    robot_state: str | None  # state of the robot after the last trial
 
 
 def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
-    """Write a learner; the file is there whole or not at all. Return its new id.
+    """Write a learner and return the new id of the file; a failure leaves no partial file.
 
-    `learner.file` is the id of the file that it read or wrote last: only that is written over.
+    `learner.file` is the id of the file that the learner read or wrote last. Only this file is
+    overwritten, unless `overwrite` is true.
     """
     settings = learner.settings
     experience = learner.experience
@@ -591,7 +590,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
             "features": write_features(experience, keep),
         }
         write_experience(archive, experience)
-        # Last, as it names the arrays that were kept.
+        # Written last, because it names the arrays that were written.
         meta["checksums"] = {info.filename: info.CRC for info in archive.infolist()}
         text = json.dumps(meta, allow_nan=False).encode()
         archive.writestr(_TEXT, text)
@@ -600,12 +599,12 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
 
 
 def checksum(text: bytes) -> bytes:
-    """Return what the comment of a learner's file says of its text, which has the other sums."""
+    """Return the checksum of `learner.json`, which contains the checksums of the other members."""
     return hashlib.sha256(text).hexdigest().encode()
 
 
 def _check_unchanged(archive: zipfile.ZipFile, text: bytes, meta: dict[str, Any]) -> None:
-    """Raise a `ValueError` where a member is not the one that was written."""
+    """Raise `ValueError` if a member of the archive was changed."""
     if checksum(text) != archive.comment:
         raise ValueError(f"{_TEXT} was changed since it was written")
     written = meta["checksums"]
@@ -641,7 +640,7 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
         fitted = []
         for entry in meta["fitted"]:
             fit_agent = _known(entry, chosen)
-            if fit_agent is not None:  # else it is made anew when it is asked
+            if fit_agent is not None:  # otherwise the agent is fitted again when it is used
                 state = unpack(entry["state"], read, domain)
                 fitted.append(fit_of(experience, fit_agent, settings, state))
         saved = SavedLearner(
@@ -660,26 +659,27 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
 
 @contextlib.contextmanager
 def _refusing(path: Path) -> Iterator[None]:
-    """Turn what a file makes the block raise into a `DataError` that names the file."""
+    """Turn errors of reading a file into a `DataError` that names the file."""
     try:
         yield
     except (*UNREADABLE, MealBayesError) as fault:
         raise DataError(
-            f"{path} is not a complete learner ({fault}); save it again, or fit a new one."
+            f"{path} does not contain a valid learner ({fault}); save the learner again, or fit a "
+            "new one."
         ) from fault
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
 
 
 def _state_of(name: object, domain: Domain) -> str | None:
-    """Return where a file says that the robot was left."""
+    """Return the state of the robot that a file contains, after a check."""
     if name is None:
         return None
     return domain.diagram.states[state_index(domain.diagram.states, name, "robot_state")]
 
 
 def _refuse_what_others_saved(path: Path, file: str) -> None:
-    """Refuse to write over a file that this learner neither wrote nor read last."""
+    """Raise `OutputError` for an existing file that this learner did not write or read last."""
     if not path.exists():
         return
     content = "no learner"
@@ -698,7 +698,7 @@ def _refuse_what_others_saved(path: Path, file: str) -> None:
 
 
 def _agent(meta: dict[str, Any], agent: object, classifier: object) -> Agent:
-    """Return who decides; raise where what the file does not hold was not given again."""
+    """Return the agent; raise an error if the user's own agent or classifier is missing."""
     if (classifier is None) != (meta["classifier"] is None):
         raise SettingsError(
             f"The learner uses {meta['classifier'] or 'the default classifiers'}; pass the same "
@@ -721,7 +721,7 @@ def _agent(meta: dict[str, Any], agent: object, classifier: object) -> Agent:
 
 
 def _known(entry: dict[str, Any], chosen: Agent) -> Agent | None:
-    """Return the agent whose state an entry is, if it is known; it may be nobody's any more."""
+    """Return the agent to which a saved fit belongs, or None if the agent is not known."""
     for agent in (chosen, training_agent(chosen), AGENTS.get(str(entry["agent"]))):
         if agent is not None and agent_digest(agent) == entry["digest"]:
             return agent

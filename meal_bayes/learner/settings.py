@@ -1,4 +1,4 @@
-"""How a learner learns, and checks of what it is given."""
+"""Settings of a learner, and checks of its inputs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -24,29 +24,30 @@ from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.untrusted import LARGEST, name_fault
 
-REFIT_EVERY = 0.2  # growth of the labeled instances after which all is learned anew, by default
+REFIT_EVERY = 0.2  # default growth of the labeled instances after which the learner refits
 _PERCEPTS = ("recorded", "model")
 
 
 @dataclass(frozen=True, slots=True)
 class LearnerSettings(ByValue):
-    """How a learner learns, whoever its agent is; what `Learner` takes by name is said there.
+    """Settings of a learner. Those that `Learner` takes by name are described there.
 
     Attributes
     ----------
     payoffs : Payoffs | None
-        What yes and no earn in questions that do not say it; the domain's by default.
+        Payoffs of yes and no in questions without payoffs of their own; the domain's by default.
     by_object : bool
-        Cross-validate over objects, see `PerceptionSettings`.
+        Whether cross-validation leaves out objects; see `PerceptionSettings`.
     unit : float | None
-        Labeled instances that make one unit of experience (Eq. 10); None: as many as every object
-        met would have with as many recordings of a behavior as the one with the most.
+        Number of labeled instances in one unit of experience (Eq. 10). By default, it is the number
+        of objects times the largest number of recordings of an object by one behavior.
     count_given : bool
-        Recordings that were given are experience, beside those of trials.
+        Whether recordings that were given to `fit` count as experience, like those of trials.
     shaped_answers : bool
-        An ITRS shapes the rewards of trials that explore nothing, too.
+        Whether the bonus of ITRS is also used in tests.
     drawn : NDArray[np.int8] | None
-        (O,P) labels, by which percepts are drawn from the learned tables.
+        (O,P) labels. If given, percepts are drawn from the learned confusion matrices by these
+        labels.
     """
 
     seed: int = 0
@@ -89,7 +90,7 @@ class LearnerSettings(ByValue):
 
 
 def checked_payoffs(values: Sequence[float] | None) -> Payoffs | None:
-    """Return four numbers as what yes and no earn; None where they are not given."""
+    """Return four numbers as payoffs of yes and no, or None if there are none."""
     try:
         return None if values is None else Payoffs.of(values)
     except QueryError as fault:
@@ -99,12 +100,12 @@ def checked_payoffs(values: Sequence[float] | None) -> Payoffs | None:
 def settings_of(
     settings: LearnerSettings | None, by_name: Mapping[str, Any], domain: Domain, agent: Agent
 ) -> LearnerSettings:
-    """Return how a learner learns: as one value says, or as settings by name do; not as both.
+    """Return the settings of a learner, given as one value or by name.
 
     Raises
     ------
     SettingsError
-        There are both, or the value is of another kind.
+        If both are given, or the value has another type.
     """
     if settings is None:
         reward = domain.report_reward if by_name["reward"] is None else by_name["reward"]
@@ -127,7 +128,7 @@ def _same(value: object, default: object) -> bool:
 
 
 def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionPosterior | None:
-    """Return a posterior of one's own, laid out for a domain; None where none is given."""
+    """Return a user's posterior in the order of a domain, or None if there is none."""
     if posterior is None:
         return None
     if not isinstance(posterior, ConfusionPosterior):
@@ -138,24 +139,26 @@ def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionP
     expected = (len(domain.attributes), len(domain.behaviors), 2, agent.levels)
     if shape != expected:
         raise SettingsError(
-            f"The posterior has shape {shape}, expected {expected}: attributes and behaviors of "
-            f"the domain, truths, and the {agent.levels} levels of the agent {agent.name!r}."
+            f"The posterior has shape {shape}; expected {expected}, for the attributes and "
+            f"behaviors of the domain, two truths, and the {agent.levels} levels of the agent "
+            f"{agent.name!r}."
         )
     return posterior
 
 
 def check_object_name(name: object, objects: Iterable[str]) -> None:
-    """Check what names an object, beside those that are known.
+    """Check the name of an object against the names of known objects.
 
     Raises
     ------
     SettingsError
-        What is no text.
+        If the name is not text.
     QueryError
-        No name, or one that looks the same as another: what is told of one would not be of both.
+        If the name is not valid, or differs from a known name only in invisible ways, so that a
+        person could not tell the two objects apart.
     """
     if not isinstance(name, str):
-        raise SettingsError(f"An object's name is a text; found {name!r:.60}.")
+        raise SettingsError(f"The name of an object must be text; found {name!r:.60}.")
     if fault := name_fault(name):
         raise QueryError(f"The object's name {name!a:.60} {fault}; rename it.")
     names = [*objects]
@@ -178,7 +181,7 @@ def check_data(data: object, domain: Domain) -> None:
 
 
 def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray[np.int8]:
-    """Return labels by attribute as an array (P,); -1 where there is none."""
+    """Return labels by attribute as an array (P,); -1 if there is no label."""
     try:
         return domain.labels(values)
     except DataError as fault:

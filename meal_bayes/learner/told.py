@@ -19,8 +19,8 @@ from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Change, Feedback
 from meal_bayes.trial_log.folder import write_feedback
 
-_SHOWN = 5  # objects that a warning names
-_ALIKE = 0.8  # of two names, at least where one may be meant by the other
+_SHOWN = 5  # largest number of objects that a warning names
+_ALIKE = 0.8  # smallest similarity of two names of which one may be a typing error
 
 
 class Telling(NamedTuple):
@@ -29,15 +29,15 @@ class Telling(NamedTuple):
     Attributes
     ----------
     name : str
-        Of the object.
+        Name of the object.
     key : Key
-        Of the trial; `key_of_name(name)` where the object was named.
+        Key of the trial, or `key_of_name(name)` if the object was named.
     labels_before : Labels
-        What `views.labels_touched` was before.
+        Result of `views.labels_touched` before the change.
     recordings : bool
         Whether the recordings of the trial are forgotten too.
     under_way : Mapping[Key, int]
-        As of `Feedback`.
+        As in `Feedback`.
     """
 
     name: str
@@ -95,14 +95,13 @@ def tell_again(
     Parameters
     ----------
     entries : Iterable[tuple[str, Feedback]]
-        With the names of their logs, in the order in which they were told. What was heard before
-        is told again only behind what others had told of its object before and is heard now: other
-        things may have been told since.
+        Feedback with the names of its logs, in the order of time. Feedback that the experience
+        already contains is repeated only if there is new feedback about the same object before it.
     on_moved : Callable[[NDArray[np.intp], bool], object] | None
-        Called after each telling with the instances (k,) whose labels moved, and whether recordings
-        were forgotten.
+        Function that is called after each change with the instances (k,) whose labels changed, and
+        whether recordings were forgotten.
     """
-    unheard = set[str]()  # objects of which something is told that was not heard yet
+    unheard = set[str]()  # objects with new feedback
     for file, feedback in entries:
         key = feedback.key or key_of_name(feedback.object_name)
         if feedback.key is not None and key not in experience.trials:
@@ -117,7 +116,7 @@ def tell_again(
         for name, label in feedback.labels.items():
             if name in domain.attributes:
                 labels[domain.columns([name])] = label
-        # What was told before in the same trial is not told again: it may have been replaced.
+        # Earlier labels of the same trial are not repeated, because they may have been replaced.
         if feedback.recordings:
             moved = experience.forget(key, recordings=True)
         elif (labels >= 0).any():

@@ -1,4 +1,4 @@
-"""Where a learner logs: its folder, and the folder in which the log of each trial lies."""
+"""Folders of a learner's logs, and the folder that contains the log of each trial."""
 
 import os
 from collections.abc import Mapping
@@ -13,14 +13,14 @@ from meal_bayes.trials import Trial
 
 
 class TrialLogs:
-    """Says where trials and what people tell of them are logged; None: nowhere.
+    """Paths of the logs of trials and labels.
 
     Parameters
     ----------
     logs : str or Path, optional
-        Folder of the logs of robots.
+        Folder of logs; with None, nothing is logged.
     name : str
-        Of the robot's domain: its folder in that one.
+        Name of the robot's domain, which is also the name of its folder in `logs`.
     """
 
     def __init__(self, logs: str | Path | None, name: str) -> None:
@@ -32,14 +32,14 @@ class TrialLogs:
         return self._folder if log is None else lasting_path("log", log)
 
     def interrupted(self, log: str | Path | None, remedy: str) -> Path:
-        """Return where to look for what was broken off; `SettingsError`, with a remedy, if nowhere.
+        """Return the path of the logs of interrupted trials; raise `SettingsError` without one.
 
         Parameters
         ----------
         log : str or Path, optional
-            That a caller names.
+            Log or folder that the caller gives.
         remedy : str
-            "give resume() the trial's log".
+            Last part of the error message, such as "give resume() the trial's log".
         """
         path = self.log_path(log)
         if path is None:
@@ -47,7 +47,7 @@ class TrialLogs:
         return path
 
     def folder_of_find(self, log: str | Path | None) -> Path | None:
-        """Return the folder for the logs of `find`; `SettingsError` where it cannot be one."""
+        """Return the folder for the logs of `find`; raise `SettingsError` if it is a file."""
         path = self.log_path(log)
         if path is None:
             return None
@@ -58,11 +58,11 @@ class TrialLogs:
         return path
 
     def note(self, folders: Mapping[Key, Path]) -> None:
-        """Note the folders in which the logs of some trials lie, by the trials' keys."""
+        """Store the folders of the logs of some trials, by the keys of the trials."""
         self._folder_of_trial |= folders
 
     def told_folder(self, trial: Trial | str) -> Path | None:
-        """Return where to log what is told: beside the trial's log if that can be written."""
+        """Return the folder for labels: that of the trial's log if it is writable."""
         if isinstance(trial, Trial):
             beside = self._folder_of_trial.get(trial.task.key)
             if beside is not None and os.access(beside, os.W_OK):

@@ -1,7 +1,8 @@
-"""Views of the record: functions of it, which nothing keeps.
+"""Views of the experience record: functions that compute tables from it.
 
-With memory an agent recognizes objects: labels of an instance are then those of its object, in any
-trial; without, those of the trials that showed it, and of the object by its name.
+With memory, an agent recognizes objects, so the labels of an instance are those of its object in
+all trials. Without memory, they are those of the trials that showed the instance, and those that
+were given for the object by its name.
 """
 
 from collections import Counter
@@ -25,15 +26,15 @@ from meal_bayes.robots.heard import Heard
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
 
-HALVED = 5  # trials after which what an execution says of success has half its weight
-Sizes = NDArray[np.int64]  # of each of the domain's contexts; NONE: nothing was sensed
+HALVED = 5  # half-life of the weight of an execution in success rates, in trials
+Sizes = NDArray[np.int64]  # number of features of each context of the domain; NONE without any
 
 
 def attempts(record: Experience) -> NDArray[np.float64]:
-    """Count the executions of each behavior that failed, and that succeeded, (E,2).
+    """Return weighted counts of failed and successful executions of each behavior, (E,2).
 
-    Hardware breaks and is mended: each trial that begins takes a part of the weight of those
-    before, until what the domain says of a behavior holds again that was not tried since.
+    Hardware may break and be repaired. Therefore the weight of an execution decreases with every
+    trial that begins after it, so that the estimate returns to the domain's probability.
     """
     e = len(record.domain.behaviors)
     rows = record.executions.values
@@ -48,9 +49,9 @@ def attempts(record: Experience) -> NDArray[np.float64]:
 
 
 def answered(record: Experience) -> NDArray[np.float64]:
-    """Count answers of each behavior that asks, (E,2): wrong and right by what was told since.
+    """Count wrong and right answers of each behavior that asks, (E,2), by the present labels.
 
-    An answer about an object without a label counts for neither.
+    An answer about an attribute of an object without a label does not count.
     """
     answers = record.answers.values
     executions = record.executions.values
@@ -65,7 +66,7 @@ def answered(record: Experience) -> NDArray[np.float64]:
 
 
 def taught(record: Experience) -> NDArray[np.bool_]:
-    """Return which trials (trials,) taught: a robot's, unless what it recorded was forgotten."""
+    """Return the training trials (trials,): those of a robot that were not forgotten."""
     rows = record.executions.values
     of_robot = np.array([not is_key_of_name(key) for key in record.trials], bool)
     of_robot[rows["trial"][rows["success"] == WITHDRAWN]] = False
@@ -73,30 +74,33 @@ def taught(record: Experience) -> NDArray[np.bool_]:
 
 
 def rows(record: Experience) -> int:
-    """Count the rows that trials, data sets and people have added."""
+    """Return the number of rows that trials, data sets and people have added."""
     return len(record.trials) + len(record.executions) + len(record.feedback)
 
 
 def has_taught(record: Experience, trial: Key) -> bool:
-    """Return whether a trial is among those that taught."""
+    """Return whether a trial is a training trial (see `taught`)."""
     return trial in record.trials and bool(taught(record)[record.trials[trial]])
 
 
 def unrecorded(record: Experience, trial: Trial) -> list[Step]:
-    """Return the behaviors of a trial that a record does not hold: it may know how it began."""
+    """Return the executed steps of a trial that the record does not contain yet."""
     behaviors = [step for step in trial.steps if step.decision.action < trial.momdp.n_behaviors]
     executions = record.executions.values["trial"]
     return behaviors[int((executions == record.trials.get(trial.task.key, NONE)).sum()) :]
 
 
 def trials_before(record: Experience, trial: Key) -> int:
-    """Count the trials that taught and began before one."""
+    """Return the number of training trials that began before a trial."""
     first = record.trials.get(trial, len(record.trials))
     return int(taught(record)[:first].sum())
 
 
 def told_fraction(record: Experience) -> float:
-    """Fraction of the labels of objects beyond a first that people told, by Laplace's rule."""
+    """Return the fraction of the other attributes that people label in addition to one.
+
+    The fraction is estimated by Laplace's rule over all trials with labels.
+    """
     rows = record.feedback.values
     rows = rows[rows["given"] == 0]
     cells = (len(record.trials), len(record.domain.attributes))
@@ -115,14 +119,14 @@ def labels_for(record: Experience, names: Iterable[str]) -> Labels:
 
 
 def labels_touched(record: Experience, trial: Key, name: str) -> Labels:
-    """Return labels (rows,P): what a trial says first, then its object and its instances."""
+    """Return labels (rows,P): those of a trial, then those of its object and its instances."""
     instances = record.instances_of_object(record.objects.get(name, NONE))
     of_object = labels_for(record, [name])
     return np.vstack([record.labels_of_trial(trial), of_object, record.labels.values[instances]])
 
 
 def labeled_table(record: Experience, table: PerceptTable) -> PerceptTable:
-    """Return a percept table with what was told of its objects that had no label."""
+    """Return a percept table in which later labels fill in the unknown ones."""
     told_labels = labels_for(record, table.objects)
     return replace(table, labels=np.where(table.labels < 0, told_labels, table.labels))
 
@@ -143,9 +147,9 @@ NO_ROWS: Rows = np.empty(0, np.intp)
 def labeled(
     record: Experience, *, memory: bool, given: bool = True, apart: Rows = NO_ROWS
 ) -> NDArray[np.int64]:
-    """Count the labeled instances of object, behavior, attribute, (O,E,P).
+    """Count the labeled instances by object, behavior and attribute, (O,E,P).
 
-    Those not gathered in trials count if `given`; instances `apart` (k,) do not.
+    Instances of data sets count only if `given`; the instances `apart` (k,) do not count.
     """
     instances = record.instances.values
     counted = given | (instances["origin"] != FROM_DATASET)
@@ -159,7 +163,7 @@ def labeled(
 
 
 def sizes(record: Experience) -> Sizes:
-    """Return the number of features of most recordings of each context; the latest of equals."""
+    """Return the most frequent number of features of each context; the latest one in a tie."""
     most = np.full(len(record.domain.contexts), NONE)
     for number, context in enumerate(record.domain.contexts):
         lengths = [len(values) for values in record.features[context].values()]
@@ -181,7 +185,7 @@ def sensed(record: Experience, of_sizes: Sizes, behavior: str) -> NDArray[np.int
 
 
 def odd_recordings(record: Experience, of_sizes: Sizes) -> list[str]:
-    """Say which recordings have another number of features than most, a text each."""
+    """Return a message for each recording with another number of features than most."""
     names = list(record.objects)
     owners = record.instances.values["object"]
     texts = []
@@ -194,9 +198,11 @@ def odd_recordings(record: Experience, of_sizes: Sizes) -> list[str]:
 
 
 def in_order(record: Experience) -> list[str]:
-    """Return the objects by name; those that nobody named by what they showed, then as they came.
+    """Return the objects in an order that does not depend on random names.
 
-    The name of these is drawn, so that no order may come of it. What was forgotten is left out.
+    Named objects are sorted by name. Objects that nobody named have a random name; they are sorted
+    by their recordings, and then by the order in which they were met. Forgotten objects are left
+    out.
     """
     rows = record.instances.values
     withdrawn = rows["origin"] == WITHDRAWN
@@ -207,7 +213,7 @@ def in_order(record: Experience) -> list[str]:
     def sort_key(name: str) -> tuple[str, list[tuple[int, int]]]:
         if not nobody_named(name):
             return name, []
-        # All of them by one name, so that only their recordings order them.
+        # The same name for all of them, so that only their recordings determine the order.
         return "object", sorted(recordings_of.get(record.objects[name], ()))
 
     return sorted(record.met, key=sort_key)
@@ -216,26 +222,26 @@ def in_order(record: Experience) -> list[str]:
 def training(
     record: Experience, labels: Labels, of_sizes: Sizes
 ) -> tuple[Dataset, NDArray[np.intp], TrainingSet]:
-    """Return D: the instances with features as a data set, where each row is, and their labels.
+    """Return the training set D: the instances with features as a data set, and their labels.
 
-    It does not depend on the order in which they came, nor on names that were drawn: see
-    `in_order`; recordings stand by digest.
+    The result does not depend on the order in which instances came or on random names of objects
+    (see `in_order`); recordings are sorted by digest.
 
     Parameters
     ----------
     labels : Labels
-        (n,P) of the first n instances, which it is made of.
+        (n,P) labels of the first n instances, which are used.
     of_sizes : Sizes
-        Recordings of other sizes are left out.
+        Numbers of features; recordings with other numbers are left out.
 
     Returns
     -------
     dataset : Dataset
-        Ragged; of all objects that were met, but for those of which all was forgotten.
+        Recordings of all objects that were not forgotten; their numbers may differ.
     rows : NDArray[np.intp]
-        (k,) instances, in the order of the training set.
+        (k,) instances in the order of the training set.
     recorded : TrainingSet
-        All of them, labeled or not.
+        All these instances, with and without labels.
     """
     domain = record.domain
     fitting = [sensed(record, of_sizes, domain.behavior_names[e]) for e in domain.recorded]
@@ -249,7 +255,7 @@ def training(
     rows = rows[np.lexsort([*keys, position[instances["object"][rows]]])]
     o = position[instances["object"][rows]].astype(np.int32)
     e = instances["behavior"][rows].astype(np.int32)
-    # Rows are sorted, so that those of one object and behavior are numbered from its first.
+    # Rows are sorted, so the recordings of an object and behavior are numbered from the first.
     pairs = o * len(domain.behaviors) + e
     r = (np.arange(len(rows)) - np.searchsorted(pairs, pairs)).astype(np.int32)
     most = int(r.max(initial=0)) + 1
@@ -265,17 +271,17 @@ def training(
 
 
 def percepts_given(record: Experience, k: int, scored: Labels) -> Labels:
-    """Return the percepts (n,P) at K levels that no classifier of ours makes; -1 none.
+    """Return the percepts (n,P) at K levels that do not come from classifiers; -1 if none.
 
-    Those are what a detector of the robot's own gave, of which scores are cut to the levels
-    `scored` (n,P), and percepts of instances without features.
+    These are percepts of the robot's own detector, whose scores have the levels `scored` (n,P), and
+    percepts of instances without features.
     """
     instances = record.instances.values
     bare = (instances["digest"] == 0) & (instances["scale"] == k)
     levels = np.where(bare[:, None], record.levels.values, -1)
     scale = np.maximum(instances["scale"], 1)[:, None]
     detections = record.detected.values.astype(int)
-    # The surest levels stay the surest.
+    # The extreme levels stay the extreme levels.
     scaled = np.where(
         detections == scale - 1, k - 1, np.where(detections == 0, 0, detections * k // scale)
     )
@@ -284,12 +290,12 @@ def percepts_given(record: Experience, k: int, scored: Labels) -> Labels:
 
 
 def detected(record: Experience) -> NDArray[np.bool_]:
-    """Return of which instances and attributes (n,P) the robot's own detector said anything."""
+    """Return the instances and attributes (n,P) with a percept or score of the robot's detector."""
     return np.asarray((record.detected.values >= 0) | ~np.isnan(record.scores.values))
 
 
 def given_pairs(record: Experience) -> NDArray[np.bool_]:
-    """Return of which attributes and behaviors (P,E) the robot's own detector said anything."""
+    """Return the pairs (P,E) with a percept or score of the robot's own detector."""
     given = np.zeros((len(record.domain.attributes), len(record.domain.behaviors)), np.bool_)
     instance, attribute = np.nonzero(detected(record))
     given[attribute, record.instances.values["behavior"][instance]] = True
@@ -297,7 +303,7 @@ def given_pairs(record: Experience) -> NDArray[np.bool_]:
 
 
 def heard(record: Experience) -> Heard:
-    """Return what the robot's own detectors said so far."""
+    """Return the percepts and scores of the robot's own detectors so far."""
     attributes, behaviors = record.domain.attributes, record.domain.behavior_names
     behavior = record.instances.values["behavior"]
     said = Heard()
@@ -311,6 +317,6 @@ def heard(record: Experience) -> Heard:
 
 
 def given_by(said: NDArray[np.bool_], behavior: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Return the behaviors and attributes by which instances (n,P) say something."""
+    """Return the pairs of behavior and attribute that occur in instances (n,P)."""
     i, p = np.nonzero(said)
     return sorted({*zip(behavior[i].tolist(), p.tolist(), strict=True)})

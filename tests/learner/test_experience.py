@@ -188,10 +188,10 @@ class Arm:
     ("call", "message"),
     [
         (lambda learner: learner.ask("red", Arm), "A robot is an object with start"),
-        (lambda learner: learner.begin("red", key=1.5), r"key is 1\.5; give a text"),
-        (lambda learner: learner.begin("red", object_name=3), "name is a text; found 3"),
+        (lambda learner: learner.begin("red", key=1.5), r"key is 1\.5; give text"),
+        (lambda learner: learner.begin("red", object_name=3), "must be text; found 3"),
         (lambda learner: learner.begin(3), "A question is a sentence or names; found 3"),
-        (lambda learner: learner.tell(3, {"red": True}), "name is a text; found 3"),
+        (lambda learner: learner.tell(3, {"red": True}), "must be text; found 3"),
         (lambda learner: learner.tell("cup", {"red": [1, 0]}), "^red: "),
         (lambda learner: Learner("toy", reward=1e100), "reward is 1e\\+100; give a finite number"),
     ],

@@ -351,7 +351,7 @@ def test_a_torn_file_is_one_line(saved, agent):
     content = saved.read_bytes()
     for size in (0, 10, len(content) // 2, len(content) - 1):
         saved.write_bytes(content[:size])
-        with pytest.raises(DataError, match="complete learner"):
+        with pytest.raises(DataError, match="valid learner"):
             Learner.load(saved, agent=agent, logs=None)
     saved.unlink()
     with pytest.raises(DataError, match="No file"):
