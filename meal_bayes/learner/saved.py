@@ -251,14 +251,7 @@ def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
     objects = _read_lines(archive, "objects")
     trials = [tuple(key) for key in _read_lines(archive, "trials")]
     feedback_logs = _read_lines(archive, "feedback_logs")
-    sizes = _Sizes(
-        instances=len(tables["instances"]),
-        objects=len(objects),
-        trials=len(trials),
-        behaviors=len(domain.behaviors),
-        attributes=len(domain.attributes),
-    )
-    _check_tables(tables, sizes)
+    _check_tables(tables, _sizes_of(tables, domain, len(objects), len(trials)))
     if len(set(objects)) < len(objects) or len(set(trials)) < len(trials):
         raise ValueError("objects or trials are named twice")
     if not all(isinstance(name, str) for name in [*objects, *feedback_logs]):
@@ -269,6 +262,30 @@ def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
     for name, values in tables.items():
         getattr(experience, name).extend(values)
     return experience
+
+
+def _sizes_of(tables: Tables, domain: Domain, objects: int, trials: int) -> _Sizes:
+    return _Sizes(
+        instances=len(tables["instances"]),
+        objects=objects,
+        trials=trials,
+        behaviors=len(domain.behaviors),
+        attributes=len(domain.attributes),
+    )
+
+
+def _check_record(experience: Experience, path: Path) -> None:
+    """Refuse to write a record that no reader takes, such as one that Ctrl-C left half written."""
+    tables = {name: getattr(experience, name).values for name in _TABLES}
+    objects, trials = len(experience.objects), len(experience.trials)
+    try:
+        _check_tables(tables, _sizes_of(tables, experience.domain, objects, trials))
+    except ValueError as fault:
+        raise OutputError(
+            f"{path} is not written: the record of this learner is incomplete ({fault}), as after "
+            "an interruption while a step was recorded. Load the file that was saved last, and "
+            "recall() the logs of the trials since."
+        ) from fault
 
 
 def _column_limits(sizes: _Sizes) -> dict[str, dict[str, Limits]]:
@@ -548,6 +565,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
     """
     settings = learner.settings
     experience = learner.experience
+    _check_record(experience, path)
     file = secrets.token_hex(8)
     with (
         alone_in(path.parent),

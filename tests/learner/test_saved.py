@@ -13,7 +13,7 @@ from sklearn.linear_model import LogisticRegression
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.learner import Learner
-from meal_bayes.learner.saved import checksum
+from meal_bayes.learner.saved import _TABLES, checksum
 from meal_bayes.learner.views import attempts
 
 STATE = ("counts", "concentration", "dispersion")
@@ -134,6 +134,33 @@ def test_a_classifier_of_one_s_own_is_given_again(dataset, make, tmp_path):
 def test_saving_twice_replaces_and_leaves_nothing_else(taught, saved):
     taught[0].save(saved)
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
+
+
+@pytest.mark.parametrize("table", _TABLES)
+@pytest.mark.parametrize("way", ["short", "long", "out of range"])
+def test_a_record_that_cannot_be_read_again_is_not_written(table, way, taught, agent, saved):
+    """Ctrl-C may come between two tables; the file that was saved before must stay."""
+    before = saved.read_bytes()
+    torn = Learner.load(saved, agent=agent, logs=None)
+    rows = getattr(torn.experience, table)
+    if way == "out of range":
+        held = (
+            rows.values
+            if rows.values.dtype.names is None
+            else rows.values["behavior" if table == "executions" else "object"]
+        )
+        held[-1:] = 100 if held.dtype.kind == "i" else np.inf
+    elif way == "short":
+        rows._count -= 1
+    else:
+        rows.extend(rows.values[-1:])
+    told = ""
+    try:
+        torn.save(saved)
+    except OutputError as fault:
+        told = str(fault)
+    assert (saved.read_bytes() == before) == ("record of this learner is incomplete" in told)
+    Learner.load(saved, agent=agent, logs=None)  # whatever was written can be read
 
 
 def test_a_folder_that_is_not_there_or_a_place_that_cannot_be_written(taught, tmp_path):
