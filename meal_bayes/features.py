@@ -1,9 +1,9 @@
-"""Features of a robot's raw signals: from messages of one execution to a vector per modality.
+"""Features of raw signals: compute a vector for each modality from the messages of an execution.
 
-A domain says where each modality comes from (`[sources.<modality>]`: topic, fields, feature,
-settings). Recordings (`meal-bayes data import`) and a live driver read messages by the same
-`Recorder` and call the same `extract`, so that equal messages give equal features. What is wrong
-with a signal (no samples, no numbers, another shape) is a `DataError` of one line.
+The domain names the source of each modality (`[sources.<modality>]`: topic, fields, feature,
+settings). The import of recordings (`meal-bayes data import`) and live drivers use the same
+`Recorder` and the same function `extract`, so equal messages give equal features. If a signal has
+no samples, is not numeric or has a wrong shape, a `DataError` says so in one line.
 """
 
 import functools
@@ -33,7 +33,7 @@ _IMAGES = {  # channels by encoding
 
 
 class Signal(NamedTuple):
-    """Samples (T, ...) of one modality, times (s) of its messages, and why it cannot be used."""
+    """Samples (T, ...) of one modality, the times (s) of its messages, and its fault if any."""
 
     values: NDArray[Any]
     times: NDArray[np.float64] = np.empty(0)
@@ -43,21 +43,21 @@ class Signal(NamedTuple):
 def temporal_bins(
     values: ArrayLike, bins: int = 10, times: ArrayLike | None = None
 ) -> NDArray[np.float64]:
-    """Return the mean of each channel in bins of equal duration, as CY101's haptic features.
+    """Return the mean of each channel in bins of equal duration, as in CY101's haptic features.
 
     Parameters
     ----------
     values : ArrayLike
-        (T, C) samples of C channels in their own unit, or (T,) of one.
+        (T, C) samples of C channels, or (T,) samples of one channel.
     bins : int
         Number of bins. A bin without a sample is interpolated between its neighbors.
     times : ArrayLike | None
-        (T,) s, ascending. By default samples have equal distances.
+        (T,) ascending times of the samples, s. By default samples are equally spaced.
 
     Returns
     -------
     NDArray[np.float64]
-        (bins * C,), all bins of the first channel first. Source: J. Sinapov et al.,
+        (bins * C,) means, all bins of the first channel first. Source: J. Sinapov et al.,
         "Grounding semantic categories in behavioral interactions", RAS 62(5), 2014.
 
     Examples
@@ -89,18 +89,18 @@ def spectrogram_bins(
     Parameters
     ----------
     sound : ArrayLike
-        (T,) samples, 1 is full scale; several channels (T, C) are averaged.
+        (T,) samples in [-1, 1], or (T, C) samples of several channels, which are averaged.
     rate : float
-        Samples a second, Hz.
+        Sampling rate, Hz.
     frequency_bins, time_bins : int
-        Numbers of equal bins, from 0 Hz to rate / 2, and from the first sample to the last.
+        Numbers of equal bins from 0 Hz to rate / 2, and from the first sample to the last.
 
     Returns
     -------
     NDArray[np.float64]
         (frequency_bins * time_bins,) log10 of the mean power density (1/Hz), all times of the
-        lowest frequencies first; -10 is silence. See J. Sinapov et al., "Interactive learning of
-        the acoustic properties of household objects", ICRA 2009.
+        lowest frequencies first. Silence has the value -10. See J. Sinapov et al., "Interactive
+        learning of the acoustic properties of household objects", ICRA 2009.
 
     Examples
     --------
@@ -126,8 +126,8 @@ def color_histogram(image: ArrayLike, bins: int = 4) -> NDArray[np.float64]:
     Parameters
     ----------
     image : ArrayLike
-        (H, W, 3) colors, (T, H, W, 3) of several images, or (H, W) gray; whole numbers 0 to 255,
-        or fractions 0 to 1.
+        (H, W, 3) colors of an image, (T, H, W, 3) colors of several images, or (H, W) gray values:
+        whole numbers from 0 to 255, or fractions from 0 to 1.
     bins : int
         Number of bins of each color.
 
@@ -171,20 +171,21 @@ def extract(
     functions: Mapping[str, Function] | None = None,
     on_fault: Faults | None = None,
 ) -> dict[str, NDArray[np.float32]]:
-    """Return the features (D,) of one execution by modality, as the domain's sources say.
+    """Return the feature vector (D,) of each modality of one execution.
 
     Parameters
     ----------
     domain, behavior : Domain, str
-        What was executed; each of its modalities must have a source.
+        Domain, and name of the executed behavior. Each modality of the behavior must have a source
+        in the domain.
     signals : Mapping[str, Signal | ArrayLike]
-        By modality; `Recorder.signals` makes them from messages.
+        Samples of each modality; `Recorder.signals` makes them from messages.
     functions : Mapping[str, Function] | None
-        Feature functions of your own by the names that the domain uses. One that has a parameter
-        `times` is given the seconds of the samples.
+        Your own feature functions, by the names that the domain uses. A function with a parameter
+        `times` also gets the times of the samples, s.
     on_fault : Callable[[str, str], object] | None
-        Called with a modality and what is wrong with it, which is then left out; by default the
-        first fault is raised as a `DataError`.
+        Called with the name of a modality and what is wrong with its signal; the modality is then
+        left out. By default the first fault raises a `DataError`.
 
     Examples
     --------
@@ -220,8 +221,12 @@ def check_sources(
 ) -> dict[str, tuple[Function, dict[str, Any]]]:
     """Return the feature function of each modality of some behaviors, and its settings.
 
-    A modality without a source, or settings that its feature does not have, is a `DomainError`; a
-    feature that is neither ours nor in `functions` is a `SettingsError`.
+    Raises
+    ------
+    DomainError
+        A modality has no source, or its feature function does not have one of the settings.
+    SettingsError
+        A feature is neither one of the package nor in `functions`.
     """
     known = {**(functions or {}), **FUNCTIONS}
     if taken := sorted(name for name in functions or {} if name in FUNCTIONS):
@@ -253,7 +258,9 @@ _signature = functools.lru_cache(inspect.signature)
 
 
 class Recorder:
-    """Collects the messages of one execution, live or from a bag; parameters as of `extract`.
+    """Collect the messages of one execution, live or from a bag, and compute their features.
+
+    The parameters are those of `extract`.
 
     Examples
     --------
@@ -279,10 +286,11 @@ class Recorder:
         self._taken: dict[str, list[tuple[int, int, NDArray[Any]]]] = {m: [] for m in self._sources}
 
     def add(self, topic: str, time: int, message: Any) -> None:
-        """Take a message of a topic, received at a time (ns); other topics are left aside.
+        """Add a message of a topic, which was received at a time (ns).
 
-        It is one of `rclpy`, of `rosbags`, or any object with the fields of the source. The stamp
-        of its header, where there is one, counts before the time.
+        The message is one of `rclpy` or `rosbags`, or any object with the fields of the source. If
+        it has a header, the time in the header is used instead. Messages of topics that the
+        behavior does not need are ignored.
         """
         for modality, source in self._sources.items():
             if source["topic"] != topic or modality in self._faults:
@@ -304,7 +312,7 @@ class Recorder:
                 self._faults[modality] = f"{fault} at {time / _NS:.3f} s"
 
     def signals(self) -> dict[str, Signal]:
-        """Return what came so far, by modality, in the order of the senders' clocks."""
+        """Return the signal of each modality so far, in the order of the times in the headers."""
         found = {}
         for modality, messages in self._taken.items():
             fault = self._faults.get(modality, "" if messages else "no message in the window")
@@ -315,19 +323,20 @@ class Recorder:
         return found
 
     def features(self, on_fault: Faults | None = None) -> dict[str, NDArray[np.float32]]:
-        """Return `extract` of what came so far; parameters and errors as there."""
+        """Return the features of the messages so far; see `extract`."""
         return extract(self.domain, self.behavior, self.signals(), self._functions, on_fault)
 
 
 def read_message(source: Mapping[str, Any], message: Any) -> tuple[tuple[str, ...], NDArray[Any]]:
-    """Return the names of a message's channels (C,), and its samples, as a source reads them.
+    """Return the names (C,) of a message's channels, and its samples, as a source defines them.
 
-    Samples are (1, C); (n,) of sound; (1, H, W, 3) of an image. `fields` are paths such as
-    "wrench.force.x", "position[2]" or "effort[elbow]" (by the message's `name`); without them, the
-    type must be JointState, WrenchStamped, Imu, Float64MultiArray, Image, CompressedImage or
-    AudioData. Joints are sorted by name, so that a driver that lists them in another order gives
-    equal features. `encoding` is that of sound ("s16le", "f32le" or "u8"). Of an image as many
-    `pixels` are kept at most, by every n-th row and column (10,000 by default, 0 keeps all).
+    The samples have the shape (1, C), (n,) for sound, and (1, H, W, 3) for an image. The `fields`
+    of the source are paths such as "wrench.force.x", "position[2]" or "effort[elbow]" (by the
+    message's `name`). Without fields, the type of the message must be JointState, WrenchStamped,
+    Imu, Float64MultiArray, Image, CompressedImage or AudioData. Joints are sorted by name, so the
+    features do not depend on their order in the message. `encoding` is the encoding of sound
+    ("s16le", "f32le" or "u8"). If an image has more than `pixels` pixels (10,000 by default; 0
+    means no limit), only every n-th row and column is kept.
 
     Examples
     --------
@@ -405,7 +414,7 @@ def _packed_image(message: Any, source: Mapping[str, Any]) -> NDArray[np.uint8]:
 
 
 def _thinned(image: NDArray[np.uint8], source: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return (1, H, W, C) of at most so many pixels, as a minute of images is gigabytes."""
+    """Return the image (1, H, W, C) with every n-th row and column, so that it fits `pixels`."""
     pixels = image.shape[0] * image.shape[1]
     every = math.ceil(math.sqrt(pixels / (source.get("pixels", 10_000) or pixels)))
     return image[None, ::every, ::every].copy() if every > 1 else image[None]
@@ -424,7 +433,7 @@ _TYPES: Mapping[str, Any] = {  # by message type: fields where the source names 
 
 
 def _finite(values: ArrayLike, *dimensions: int) -> NDArray[np.float64]:
-    """Return an array of finite numbers, at least one, of one of these numbers of axes."""
+    """Return an array of one or more finite numbers that has one of these numbers of axes."""
     array = np.asarray(values, dtype=float)
     if array.ndim not in dimensions:
         raise DataError(f"an array of {array.ndim} axes; expected {min(dimensions)}")

@@ -1,7 +1,7 @@
-"""Recordings from bags of ROS 1 and ROS 2, read by `rosbags` without ROS.
+"""Make recordings from bags of ROS 1 and ROS 2, which `rosbags` reads without ROS.
 
-Each bag is read once, in the order of time; only the messages of executions that are under way are
-held. What is wrong with a bag is one line, and the others go on.
+Each bag is read once, in the order of time; only the messages of executions in progress are in
+memory. Each fault of a bag is reported in one line, and the import continues with the other bags.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -33,7 +33,7 @@ _NEVER = 1 << 62
 
 @dataclass
 class Execution:
-    """One execution: messages from `start` on and before `end` (ns); the rest is by modality."""
+    """One execution, its start and end (ns), and its features, channels and signals by modality."""
 
     bag: str
     object_name: str
@@ -49,7 +49,7 @@ class Execution:
 
 
 class Topic(NamedTuple):
-    """What a bag holds of one topic: number of messages, their rate (Hz), the longest gap (s)."""
+    """A topic in a bag: number of messages, their rate (Hz), and the longest gap (s)."""
 
     bag: str
     topic: str
@@ -60,7 +60,7 @@ class Topic(NamedTuple):
 
 @dataclass
 class BagReport:
-    """What was found in bags: executions, topics, and a line for each thing that is wrong."""
+    """Content of bags: executions, topics, and a line for each fault."""
 
     executions: list[Execution] = field(default_factory=list)
     topics: list[Topic] = field(default_factory=list)
@@ -69,10 +69,14 @@ class BagReport:
 
 
 def find_bags(paths: Iterable[str | Path]) -> list[Path]:
-    """Return the bags that are named, or that lie in the folders that are named.
+    """Return the bags among some paths, and those in folders among them.
 
-    A bag is a `.bag` or `.mcap` or `.db3` file, or a folder with a `metadata.yaml`. A path that
-    holds none, or two bags of one name, is a `SettingsError`.
+    A bag is a `.bag`, `.mcap` or `.db3` file, or a folder with a file `metadata.yaml`.
+
+    Raises
+    ------
+    SettingsError
+        A path contains no bag, or two bags have the same name.
     """
     found: dict[str, Path] = {}
     for path in [checked_path("The bag", given) for given in paths]:
@@ -105,28 +109,34 @@ def read_bags(
     Parameters
     ----------
     domain : Domain
-        With a source of each modality.
+        Domain with a source for each modality.
     bags : Iterable[str | Path]
-        Files, or folders of them, as of `find_bags`.
+        Bags, or folders that contain bags; see `find_bags`.
     executions : str | Path | None
-        A CSV file `bag,object,behavior,start,end`: the bag's name, with or without its ending, and
-        seconds since its first message, or since 1970.
+        CSV file with the columns `bag,object,behavior,start,end`: the name of the bag, with or
+        without its ending, and times in seconds since the first message of the bag, or since 1970.
     markers : str | None
-        In its place, a topic of std_msgs/String: "lift: red mug" begins an execution (behavior,
-        object), an empty text ends it, and so does the next one.
+        Topic of type std_msgs/String that marks executions, in place of `executions`. The text
+        "lift: red mug" (behavior and object) begins an execution; an empty text, or the next
+        marker, ends it.
     functions : Mapping[str, Function] | None
-        As of `meal_bayes.features.extract`.
+        Your own feature functions, as for `meal_bayes.features.extract`.
     progress : Callable[[float, int], object]
-        Called with the number of bags that are done, in parts, and how many there are.
+        Called with the number of finished bags, which may be a fraction, and the number of bags.
     keep : int
-        Number of the execution, from 1 on in each bag, whose signals are kept.
+        Number of the execution in each bag, counted from 1, whose signals are kept.
 
     Returns
     -------
     BagReport
-        Of a damaged bag it holds no execution, and one line says what is wrong. A row of the file
-        that is wrong is a `DataError`; a bag, an extra or a feature that is missing a
-        `SettingsError`.
+        Executions, topics and faults. A damaged bag has no executions, and one fault.
+
+    Raises
+    ------
+    DataError
+        A row of `executions` is not valid.
+    SettingsError
+        A bag or a feature function is missing, or rosbags is not installed.
     """
     try:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415  an extra
@@ -177,7 +187,7 @@ def _bag_names(paths: Iterable[Path]) -> dict[str, str | None]:
 def _listed(
     path: str | Path, domain: Domain, bags: Mapping[str, str | None], *, others: bool
 ) -> list[Execution]:
-    """Read a file of executions; of bags that are not given there may be `others`."""
+    """Read a file of executions; with `others`, rows of other bags are ignored."""
     (where, header), *rows = read_rows(checked_path("The executions", path))
     if header != _COLUMNS:
         raise DataError(f"{where}: the header {','.join(header)[:60]!r}; write {_COLUMNS}.")
@@ -232,7 +242,7 @@ def _read(
     functions: Mapping[str, Function] | None,
     keep: int,
 ) -> Iterator[float]:
-    """Read a bag into a report that lists its executions; yield the part of time that is done."""
+    """Read a bag into a report of its executions; yield the fraction of its duration so far."""
     wanted = {source["topic"] for source in domain.sources.values()} | {markers or ""} - {""}
     connections = [one for one in reader.connections if one.topic in wanted and one.msgcount]
     absent = wanted - {one.topic for one in connections}
@@ -289,7 +299,7 @@ def _read(
 def _windows(
     reader: Any, found: BagReport, bag: str, domain: Domain, markers: list[Any]
 ) -> list[Execution]:
-    """Return the executions that were listed or that markers tell, the last one first."""
+    """Return the executions of the table or of the markers, the last one first."""
     windows: list[Execution] = []
     for one in found.executions:
         shift = reader.start_time if one.start < _EPOCH else 0
@@ -358,9 +368,9 @@ def save_recordings(
 
 
 def plot_execution(one: Execution) -> "Axes":
-    """Draw the signals of an execution (left; of images the mean color) and its features (right).
+    """Draw the signals of an execution (left) and its features (right); return the first axes.
 
-    Return the first axes of the figure.
+    For images, the mean color is drawn.
     """
     from meal_bayes.canvas import Figure  # noqa: PLC0415  takes half a second
 
