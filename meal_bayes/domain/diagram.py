@@ -1,4 +1,4 @@
-"""The transition diagram of the fully observable states x (the paper's Fig. 5)."""
+"""The transition diagram of the observed states (the paper's Fig. 5)."""
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
@@ -19,18 +19,21 @@ ANY_STATE = "*"
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One arrow of a diagram; with the remaining probability x stays and no percept comes.
+    """One transition of a diagram.
+
+    With the remaining probability, the behavior fails: the state stays, and there is no percept.
 
     Attributes
     ----------
     source, target : str
-        A state, or "*": for every state but `term`, and for the source itself.
+        Names of the states before and after the behavior. As the source, "*" means every state
+        except `term`; as the target, "*" means the source.
     behavior : str
         Name of the behavior.
     probability : float
         Pr(target | source, behavior).
     senses : bool
-        Whether the arrow gives a percept, if the behavior has modalities.
+        Whether the transition gives a percept, if the behavior has modalities.
     """
 
     source: str
@@ -44,12 +47,13 @@ class Effect:
 
 
 class TransitionArrays(NamedTuple):
-    """A diagram compiled for a list of behaviors.
+    """Arrays of a diagram for a list of behaviors.
 
-    `transition` (E,X,X) is Pr(x' | x, behavior), illegal rows as `TransitionDiagram.illegal` says;
-    `observation_probability` (E,X,X) is Pr(a percept comes | behavior, x, x'), below 1 on the
-    diagonal where a behavior that keeps x may fail; `legal` (X,E), whether it can be executed;
-    `cumulative` (E,X,X) is Pr(x' or a state before it), by which an outcome is drawn.
+    `transition` (E,X,X) is Pr(x' | x, behavior); `TransitionDiagram.illegal` determines the rows of
+    illegal behaviors. `observation_probability` (E,X,X) is Pr(percept | behavior, x, x'); it is
+    below 1 on the diagonal if a behavior that does not change x may fail. `legal` (X,E) says
+    whether a behavior can be executed. `cumulative` (E,X,X) is the cumulative sum of `transition`
+    over x', from which outcomes are drawn.
     """
 
     transition: NDArray[np.float64]
@@ -69,27 +73,27 @@ class TransitionArrays(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TransitionDiagram:
-    """States x, where a trial starts, and what behaviors do; `term` is always the last state.
+    """Observed states, the state at the start of a trial, and the transitions of behaviors.
 
     Attributes
     ----------
     states : tuple[str, ...]
-        (X,) names, the last is "term".
+        (X,) names of the states; the last one is "term".
     start : str
         State at the start of a trial.
     effects : tuple[Effect, ...]
-        The arrows.
+        Transitions.
     illegal : str
-        What an illegal behavior would do, "terminate" or "stay". None is ever commanded; but where
-        they stay, as in the published ROC36, no agent abstains.
+        Effect of an illegal behavior in the model: "terminate" or "stay". Agents never execute
+        illegal behaviors. With "stay", as in the published ROC36, no agent abstains.
     labels : tuple[str, ...]
-        (X-1,) what people read in place of the names of the states, `term` aside; or none.
+        (X-1,) texts that people read in place of the names of the states, without `term`; or empty.
 
     Raises
     ------
     DomainError
-        An arrow between unknown states, probabilities outside (0, 1] or adding to more than one,
-        the same arrow twice, or a state that no behavior ever reaches.
+        A transition has an unknown state, probabilities are outside (0, 1] or their sum is above 1,
+        a transition is listed twice, or no behavior reaches a state.
     """
 
     states: tuple[str, ...]
@@ -147,7 +151,7 @@ class TransitionDiagram:
         return [(s, s if effect.target == ANY_STATE else effect.target) for s in sources]
 
     def successes(self, state: str) -> dict[str, str]:
-        """Return the behaviors that are legal in a state, and where each most probably leads."""
+        """Return the legal behaviors of a state, and the most probable next state of each."""
         likeliest: dict[str, tuple[float, str]] = {}
         for effect in self.effects:
             target = dict(self._expand(effect)).get(state)
@@ -156,10 +160,10 @@ class TransitionDiagram:
         return {name: target for name, (_, target) in likeliest.items()}
 
     def cheapest_first(self, cost: Mapping[str, float], wanted: Set[str]) -> tuple[str, ...]:
-        """Build a sequence of behaviors through the diagram that executes each wanted one.
+        """Build a sequence of behaviors through the diagram that contains each wanted one.
 
-        The cheapest comes first, unless others could not be reached any more after it. One that was
-        executed comes again only on the way to another.
+        The cheapest behavior comes first, unless other wanted behaviors could not be reached after
+        it. A behavior is repeated only if it leads to another wanted one.
         """
         after = {x: self.successes(x) for x in self.states}
         reachable = {  # behaviors that can still be executed from a state on
@@ -187,13 +191,13 @@ class TransitionDiagram:
         return self.illegal == "terminate"
 
     def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
-        """Compile to arrays over the named behaviors, in their order."""
+        """Return the arrays of the diagram for the named behaviors, in their order."""
         return _compile(self, tuple(behaviors))
 
 
 @lru_cache(maxsize=64)
 def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> TransitionArrays:
-    """Compile a diagram once: every trial asks for the same few."""
+    """Compute the arrays of a diagram, which are cached."""
     size = len(diagram.states)
     index = {name: i for i, name in enumerate(diagram.states)}
     row = {name: e for e, name in enumerate(behaviors)}
@@ -225,7 +229,7 @@ def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> Transiti
 
 
 def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
-    """Return a state and all that follow from it, step by step."""
+    """Return a state and all states that can be reached from it."""
     reached = {start}
     frontier = [start]
     while frontier:
@@ -236,7 +240,7 @@ def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
 
 
 class BehaviorPath(NamedTuple):
-    """Behaviors one after another, and the likeliest state after them."""
+    """A sequence of behaviors, and the most probable state after it."""
 
     behaviors: tuple[str, ...]
     state: str

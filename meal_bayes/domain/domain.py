@@ -1,7 +1,7 @@
-"""What a robot can do and be asked about: attributes, behaviors with costs, the diagram.
+"""Domains: attributes, behaviors with costs, and the transition diagram.
 
-How often behaviors succeed, and people who are asked are right, is learned by `learn_success` and
-`learn_answers`.
+`learn_success` and `learn_answers` estimate how often behaviors succeed, and how often people's
+answers are right.
 """
 
 import math
@@ -27,18 +27,19 @@ LEGAL_BUDGET = 50.0, 80.0, 80.0  # s of Random Legal, by the number of attribute
 
 @dataclass(frozen=True, slots=True)
 class Behavior:
-    """An exploratory behavior a; one without modalities (reinit) only changes x.
+    """A behavior; without modalities (such as reinit), it only changes the state.
 
     Attributes
     ----------
     name : str
-        As in the diagram.
+        Name of the behavior, as in the diagram.
     cost : float
-        Of one execution, s.
+        Cost of one execution, s.
     modalities : tuple[str, ...]
-        Gamma(a), Eq. 1.
+        Modalities that the behavior measures (Gamma(a) in Eq. 1).
     answer_accuracy : float | None
-        Pr(a person is right), of each attribute, in behaviors that ask; else None.
+        Probability that a person's answer about an attribute is right, if the behavior asks a
+        person; otherwise None.
     """
 
     name: str
@@ -56,7 +57,7 @@ class Behavior:
 
     @property
     def asks(self) -> bool:
-        """Whether it asks a person."""
+        """Whether the behavior asks a person."""
         return self.answer_accuracy is not None
 
 
@@ -258,7 +259,7 @@ class Domain:
         return self.replace(np.full_like(labels, -1), labels)
 
     def _label(self, name: str, value: object) -> tuple[str, int]:
-        """Return the attribute that a name and its value speak of, and its label; -1 unknown."""
+        """Return the attribute of a name and its value, and its label; -1 unknown."""
         members = self.groups.get(name, ())
         word = str(value).strip()
         if word in members or (members and word and isinstance(value, str)):
@@ -363,7 +364,7 @@ class Domain:
 
 
 def label_of(name: str, value: object) -> int:
-    """Return one label as 1, 0, or -1; a `DataError` that names what it is of, if it is none."""
+    """Return one label as 1, 0 or -1; raise a `DataError` with its name if it is not a label."""
     try:
         label = label_values(value)
         return int(label)
@@ -374,12 +375,12 @@ def label_of(name: str, value: object) -> int:
 
 
 def one_value(labels: NDArray[np.int8], group: str, members: Sequence[str]) -> NDArray[np.int8]:
-    """Return what labels (K,) of a group's members say of each of them.
+    """Return the labels (K,) of a group's values, completed because exactly one value is true.
 
     Raises
     ------
     QueryError
-        Two are true, or none can be.
+        Two values are true, or none can be true.
     """
     true = np.flatnonzero(labels == 1)
     possible = np.flatnonzero(labels != 0)
@@ -398,12 +399,13 @@ def one_value(labels: NDArray[np.int8], group: str, members: Sequence[str]) -> N
 def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     """Return the domain with the posterior mean of every behavior's success probability.
 
-    The prior is worth two executions at the domain's own probability. Outcomes keep their shares.
+    The prior has the weight of two executions with the domain's probability. If a behavior has
+    several outcomes, the ratios of their probabilities do not change.
 
     Parameters
     ----------
     attempts : NDArray[np.float64]
-        (E,2) legal executions that failed, and that succeeded, by their weights.
+        (E,2) weighted numbers of legal executions that failed and that succeeded.
     """
     attempts = shaped_array("attempts", attempts, len(domain.behaviors), 2)
     diagram = domain.diagram
@@ -421,12 +423,12 @@ def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
 def learn_answers(domain: Domain, answers: NDArray[np.float64]) -> Domain:
     """Return the domain with the posterior mean of how often each behavior's answers are right.
 
-    The prior is worth two answers at the domain's own `answer_accuracy`.
+    The prior has the weight of two answers with the domain's `answer_accuracy`.
 
     Parameters
     ----------
     answers : NDArray[np.float64]
-        (E,2) answers that were wrong, and right, by the labels of their objects.
+        (E,2) numbers of wrong and of right answers, according to the labels of their objects.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The event that a question of yes or no is about, and what its answers earn."""
+"""Events of yes-or-no questions, and the payoffs of their answers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ Variables = Sequence[tuple[int, ...]]  # indices of each variable's attributes
 
 
 def wrong_reward(reward: float) -> float:
-    """Return r-, what a wrong report earns where a right one earns r+, and nothing else is said."""
+    """Return the default reward r- of a wrong report, given the reward r+ of a right report."""
     return -reward
 
 
 class Payoffs(NamedTuple):
-    """Rewards of the answers yes and no, s.
+    """Rewards of the answers yes and no, in seconds.
 
     Attributes
     ----------
     right_yes, wrong_yes : float
-        Of yes where it is true, and where it is not: a hit and a false alarm.
+        Rewards of a right yes (hit) and of a wrong yes (false alarm).
     right_no, wrong_no : float
-        Of no where it is true, and where it is not: the latter is a miss.
+        Rewards of a right no (correct rejection) and of a wrong no (miss).
     """
 
     right_yes: float
@@ -43,8 +43,8 @@ class Payoffs(NamedTuple):
         Raises
         ------
         QueryError
-            Not four finite numbers; a wrong answer that earns more than the right one, or each as
-            much.
+            The values are not four finite numbers, a wrong answer has a higher reward than the
+            right one, or the rewards do not depend on whether an answer is right.
         """
         numbers = np.asarray(values, dtype=object)
         if numbers.shape == (4,):
@@ -68,19 +68,19 @@ class Payoffs(NamedTuple):
 
     @property
     def symmetric(self) -> bool:
-        """Whether yes and no earn the same."""
+        """Whether yes and no have the same rewards."""
         return self[:2] == self[2:]
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A conjunction over variables, or its complement, to which De Morgan turns a disjunction.
+    """A conjunction over variables, or its complement (a disjunction, by De Morgan's law).
 
     Attributes
     ----------
     allowed : tuple[bool, ...]
-        (N,) of an attribute alone the value that the conjunction needs; of the attributes of a
-        group, which of them may be the true one.
+        (N,) for a single attribute, the value that the conjunction requires; for an attribute of a
+        group, whether it may be the true one.
     complement : bool
         Whether the event is that the conjunction does not hold.
     """
@@ -92,7 +92,7 @@ class Event:
         plain_fields(self)
 
     def check(self, attributes: Sequence[str], variables: Variables) -> None:
-        """Refuse an event of other attributes, or one that always or never holds."""
+        """Raise an error if the event has other attributes, or always or never holds."""
         if len(self.allowed) != len(attributes):
             raise QueryError(
                 f"The event has {len(self.allowed)} values for {len(attributes)} attributes."
@@ -106,7 +106,7 @@ class Event:
                 )
 
     def literals(self, positive: Floats, variables: Variables) -> list[Floats]:
-        """Return Pr(literal) of each variable, of Pr(attribute is true) (...,N)."""
+        """Return Pr(literal) of each variable, given Pr(attribute is true) (...,N)."""
         probabilities = []
         for indices in variables:
             allowed = np.array([self.allowed[index] for index in indices])
@@ -116,14 +116,14 @@ class Event:
         return probabilities
 
     def probability(self, positive: Floats, variables: Variables) -> Floats:
-        """Compute Pr(event) of independent variables, of Pr(attribute is true) (...,N)."""
+        """Compute Pr(event) for independent variables, given Pr(attribute is true) (...,N)."""
         conjunction = np.ones(np.shape(positive)[:-1])
         for p in self.literals(np.asarray(positive), variables):
             conjunction = conjunction * p
         return np.asarray(1.0 - conjunction if self.complement else conjunction)
 
     def holds(self, truth: NDArray[np.int8], variables: Variables) -> int:
-        """Return whether the event holds, of truths (N,): 1, 0, or -1 where it is not known."""
+        """Return whether the event holds for truths (N,): 1 yes, 0 no, -1 unknown."""
         literals = []
         for indices in variables:
             if len(indices) == 1:
@@ -138,9 +138,10 @@ class Event:
         return 1 - conjunction if self.complement and conjunction >= 0 else conjunction
 
     def labels(self, answer: bool, variables: Variables) -> NDArray[np.int8]:
-        """Return the labels (N,) that a right answer implies, -1 where it implies none.
+        """Return the labels (N,) that a right answer implies; -1 if it implies none.
 
-        That a conjunction of several literals does not hold implies nothing of any of them.
+        If a conjunction of several literals is false, no label follows, because any of them may be
+        false.
         """
         labels = np.full(len(self.allowed), -1, np.int8)
         holds = answer != self.complement
@@ -155,7 +156,7 @@ class Event:
         return labels
 
     def text(self, attributes: Sequence[str], variables: Variables) -> str:
-        """Return the event in words, as in "red and not empty"."""
+        """Return the event as text, such as "red and not empty"."""
         words = []
         for indices in variables:
             names = [attributes[p] for p in indices if self.allowed[p] != self.complement]

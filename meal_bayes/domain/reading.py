@@ -1,6 +1,6 @@
-"""Questions in words: which attributes and groups a sentence or a list names.
+"""Read questions: find the attributes and groups that a sentence or a list names.
 
-A question of yes or no joins attributes by "and" or by "or", perhaps with "not".
+A yes-or-no question joins attributes by "and" or by "or", and may contain "not".
 """
 
 import re
@@ -53,7 +53,7 @@ JOINING_SIGNS = {"&", "&&", "+"}
 
 
 def vocabulary_of(question: object, domain: Domain) -> dict[str, str]:
-    """Return attributes and groups by each word for them; refuse what is no question."""
+    """Return the attribute or group of each word; raise an error if this is not a question."""
     named: Any = question  # users give anything
     if not isinstance(named, str | Sequence) or not all(isinstance(name, str) for name in named):
         raise QueryError(f"A question is a sentence or names; found {question!r:.60}.")
@@ -69,10 +69,10 @@ def vocabulary_of(question: object, domain: Domain) -> dict[str, str]:
 
 
 def query_of(names: Sequence[str], domain: Domain) -> Query:
-    """Build the query of attributes and groups; a group is whole, or one of its values is asked.
+    """Build the query of attributes and groups.
 
-    One value alone is an attribute like others, and its percepts alone count, in a question of yes
-    or no too (`_of_literals`, which needs no event then).
+    The name of a group, or two of its values, ask for the whole group. A single value is queried
+    like any attribute, also in yes-or-no questions (see `_of_literals`).
     """
     Query(tuple(names))  # raises where one is named twice, as `_Reader.attribute` does
     attributes: list[str] = []
@@ -93,11 +93,11 @@ def query_of(names: Sequence[str], domain: Domain) -> Query:
 
 
 def words_of(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list[str]:
-    """Split a sentence into words and signs; names of the domain stay whole, whatever is in them.
+    """Split a sentence into words and signs, without splitting names of the domain.
 
-    Of two values of one group that stand side by side ("half full") the first is meant. More are a
-    list without commas. "How full" asks for the value of the group that "full" is of. A word that
-    is a verb where it stands ("Can you see ...") names no attribute there.
+    If two values of one group are adjacent ("half full"), the first one is meant; three or more
+    adjacent values are a list without commas. "How full" asks for the group that contains "full". A
+    word that is used as a verb ("Can you see ...") does not name an attribute.
     """
     text = " ".join(fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'").split())
     text = _OR_NOT.sub("", text)
@@ -124,7 +124,7 @@ def words_of(question: str, vocabulary: Mapping[str, str], domain: Domain) -> li
 
 
 def _how(words: Sequence[str], vocabulary: Mapping[str, str], domain: Domain) -> list[str]:
-    """Return words with the group in place of a value behind "how"."""
+    """Return words, in which a value after "how" is replaced by its group."""
     read = list[str]()
     for before, word in zip(("", *words), words, strict=False):
         group = next(
@@ -137,7 +137,7 @@ def _how(words: Sequence[str], vocabulary: Mapping[str, str], domain: Domain) ->
 
 
 def _is_verb(words: Sequence[str], place: int) -> bool:
-    """Return whether a word is a verb by the words around it, or the "kind" of "what kind"."""
+    """Return whether the words around a word make it a verb, or the "kind" of "what kind"."""
     word = words[place]
     before = words[place - 1] if place else ""
     after = words[place + 1] if place + 1 < len(words) else ""
@@ -205,24 +205,24 @@ def read_question(
     answer: str = "values",
     payoffs: Sequence[float] | None = None,
 ) -> Query:
-    """Read a question to be answered by "values", or by "yes or no", with payoffs of its own.
+    """Read a question about values, or a yes-or-no question, with its payoffs.
 
     Parameters
     ----------
     question : str | Sequence[str]
         A sentence, or names of attributes and groups.
     domain : str, path, mapping or Domain
-        As a `Learner` takes it; whose words are read.
+        Domain, as for `Learner`, whose attributes, groups and synonyms the question may contain.
     answer : str
-        "values", or "yes or no".
+        Kind of answer: "values" or "yes or no".
     payoffs : Sequence[float] | None
-        What a right yes, a wrong yes, a right no and a wrong no earn, s; by default what the
-        learner or the domain says.
+        Rewards of a right yes, a wrong yes, a right no and a wrong no, s. By default they are those
+        of the learner or the domain.
 
     Raises
     ------
     QueryError
-        Another kind of answer; and as `read_query` and `read_event` do.
+        The kind of answer is unknown, or `read_query` or `read_event` raises the error.
     """
     kind: object = answer  # users give anything
     if not isinstance(kind, str) or kind not in ("values", "yes or no"):
@@ -234,7 +234,7 @@ def read_question(
 
 
 def _asked(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list[str]:
-    """Return the words of a sentence that name what is asked, or should."""
+    """Return the words of a sentence that name attributes, or are not known."""
     harmless = BRACKETS | JOINING_SIGNS
     words = [word for word in words_of(question, vocabulary, domain) if word not in harmless]
     for word in words:
@@ -263,7 +263,7 @@ _QUANTIFIERS = {"both": "not A or not B", "either": "neither A nor B"}  # what t
 
 @dataclass
 class _Reader:
-    """What has been read of a question so far."""
+    """State of the reader of a question."""
 
     domain: Domain
     literals: dict[str, bool] = field(default_factory=dict)
@@ -320,7 +320,7 @@ class _Reader:
             self.connectives.add(self.joined)
 
     def other(self, word: str) -> None:
-        """Read a word of no attribute, or refuse it."""
+        """Read a word that does not name an attribute, or raise an error."""
         if self.negation and word in _QUANTIFIERS:
             raise QueryError(
                 f'"{self.negation} {word}" may be misunderstood; say "{_QUANTIFIERS[word]}".'
@@ -333,7 +333,7 @@ class _Reader:
             raise QueryError(unknown("attribute", word, names))
 
     def check_end(self) -> None:
-        """Refuse a question that is not whole, or mixes what joins attributes."""
+        """Raise an error if the question is not complete, or mixes "and" with "or"."""
         if self.negation:
             raise QueryError('The question ends with a "not"; name an attribute after it.')
         if len(self.connectives) > 1:
@@ -350,25 +350,26 @@ def read_event(
     domain: str | Path | Mapping[str, Any] | Domain,
     payoffs: Sequence[float] | None = None,
 ) -> Query:
-    """Read a question of yes or no: attributes joined by *and* or by *or*, perhaps with *not*.
+    """Read a yes-or-no question: attributes joined by *and* or by *or*, optionally with *not*.
 
-    "not" (also "no", "without", "neither", "nor") is of the next attribute alone. A list joins by
-    *and*. Of one attribute, values and yes or no are the same question.
+    "not" (also "no", "without", "neither", "nor") negates only the next attribute. The items of a
+    list are joined by *and*. A question about one attribute is the same for both kinds of answer.
 
     Parameters
     ----------
     question : str | Sequence[str]
-        Such as "Is it red and not empty?".
+        Question, such as "Is it red and not empty?".
     domain : str, path, mapping or Domain
-        As a `Learner` takes it; its attributes, groups and synonyms are understood.
+        Domain, as for `Learner`, whose attributes, groups and synonyms the question may contain.
     payoffs : Sequence[float] | None
-        Four: right yes, wrong yes, right no, wrong no; the learner's or domain's by default.
+        Rewards of a right yes, a wrong yes, a right no and a wrong no; those of the learner or the
+        domain by default.
 
     Raises
     ------
     QueryError
-        *and* mixed with *or*, a group without a value, a *not* without an attribute, what nothing
-        can be, and all that `read_query` refuses of attributes.
+        The question mixes *and* with *or*, names a group without a value, has a *not* without an
+        attribute, is always or never true, or `read_query` would raise the error.
 
     Examples
     --------

@@ -81,7 +81,7 @@ _EFFECT_KEYS = {
 
 
 def domain_names() -> tuple[str, ...]:
-    """List the shipped domain tables."""
+    """Return the names of the package's domains."""
     return tuple(sorted(path.stem for path in _TABLES.glob("*.toml")))
 
 
