@@ -6,6 +6,7 @@ longer for ISPY32's 4,096 columns, and fills rows that are too short without a w
 
 import csv
 import logging
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -27,7 +28,7 @@ from meal_bayes.datasets.frames import (
     labeled,
 )
 from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError, QueryError
+from meal_bayes.errors import DataError, OutputError, QueryError
 from meal_bayes.files import checked_path, write_whole
 from meal_bayes.look import listed
 from meal_bayes.untrusted import name_fault, read_bytes
@@ -67,11 +68,25 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     return dataset
 
 
-def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
+def save_csv_folder(dataset: Dataset, folder: str | Path, *, overwrite: bool = False) -> None:
     """Write a data set as a folder of CSV files.
 
     `load_dataset` reads exactly the same numbers from the files. `labels.csv` is written last, so a
     folder with this file is complete.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Recordings and labels.
+    folder : str or Path
+        Folder to write. Missing folders are made.
+    overwrite : bool
+        Whether files of recordings that are in the folder are replaced.
+
+    Raises
+    ------
+    OutputError
+        The folder holds labels or recordings already, or cannot be written.
 
     Examples
     --------
@@ -91,6 +106,14 @@ def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
 
     folder = checked_path("The folder", folder)
     files = _files(dataset.domain, folder)
+    there = [path for path in (folder / _LABELS, *files.values()) if os.path.lexists(path)]
+    if there and not overwrite:
+        raise OutputError(
+            f"{there[0]} exists already, and recordings are not replaced; give another folder, or "
+            "say overwrite=True."
+        )
+    if there:  # old labels beside a part of the new recordings would be a complete data set
+        (folder / _LABELS).unlink(missing_ok=True)
     objects = np.array(dataset.objects)
     for context, path in files.items():
         values = dataset.features[context]

@@ -12,13 +12,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from meal_bayes.datasets import (
+    csv_files,
     load_dataset,
     make_synthetic,
     save_csv_folder,
 )
 from meal_bayes.datasets.csv_files import read_features, read_rows
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import DataError, MealBayesError, SettingsError
+from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 
 
 def test_rows_are_joined_by_key(files):
@@ -296,3 +297,43 @@ def test_a_data_set_reads_back_equal(tmp_path, ragged):
     np.testing.assert_array_equal(read.labels, dataset.labels)
     for context, values in dataset.features.items():
         np.testing.assert_array_equal(read.features[context], values)
+
+
+def synthetic(seed):
+    rng = np.random.default_rng(seed)
+    return make_synthetic(load_domain("toy"), objects=4 + seed, recordings=2, rng=rng)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_recordings_are_not_replaced_without_a_word(number, tmp_path):
+    """They cannot be computed again: one file of them is enough."""
+    save_csv_folder(synthetic(1), tmp_path)
+    kept = sorted(tmp_path.iterdir())[number]
+    for path in tmp_path.iterdir():
+        if path != kept:
+            path.unlink()
+    content = kept.read_bytes()
+    with pytest.raises(OutputError, match=rf"{kept.name} exists already.*overwrite=True"):
+        save_csv_folder(synthetic(0), tmp_path)
+    assert list(tmp_path.iterdir()) == [kept]
+    assert kept.read_bytes() == content
+    save_csv_folder(synthetic(0), tmp_path, overwrite=True)
+    assert load_dataset("toy", root=tmp_path) == synthetic(0)
+
+
+@pytest.mark.parametrize("writes", range(3))
+def test_a_folder_that_was_replaced_in_part_is_not_complete(writes, tmp_path, monkeypatch):
+    save_csv_folder(synthetic(1), tmp_path)
+    write = csv_files.write_whole
+    calls = iter(range(3))
+
+    def killed(*args, **options):
+        if next(calls) == writes:
+            raise KeyboardInterrupt
+        write(*args, **options)
+
+    monkeypatch.setattr(csv_files, "write_whole", killed)
+    with pytest.raises(KeyboardInterrupt):
+        save_csv_folder(synthetic(0), tmp_path, overwrite=True)
+    with pytest.raises(DataError, match=r"labels\.csv"):
+        load_dataset("toy", root=tmp_path)
