@@ -27,6 +27,7 @@ from meal_bayes.learner.held_out import HeldOut, replay
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.question import (
     IDLE,
+    LOST,
     NO_CLASSIFIERS,
     Question,
     QuestionCounts,
@@ -65,6 +66,7 @@ from meal_bayes.trial_log.file import SUFFIX
 from meal_bayes.trial_log.folder import ASK
 from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
+from meal_bayes.trials.session import moves
 from meal_bayes.trials.text import UNFINISHED
 
 _notes = logging.getLogger("meal_bayes.learner")
@@ -255,7 +257,7 @@ class Learner:
         self._lock = Lock()
         self._joined = JoinedRecordings()
         self._file = ""  # id of the file that was read or written last
-        self._robot_state: str | None = None  # where the last trial with a robot left it
+        self._robot_state: str | None = None  # where the last trial with a robot left it, or LOST
         self._under_way = set[Key]()  # trials that teach, and are not over
         self._stranger = False  # who decided then is not known, where a log is heard
         self._idle_told = False  # a person was warned of an agent that does not explore
@@ -490,8 +492,8 @@ class Learner:
         ----------
         state : str, optional
             Present state of the robot. By default it is the domain's start state. If the last trial
-            left the robot in another state, this argument is required. An impossible state raises a
-            `RobotError`.
+            left the robot in another state, or was broken off while a behavior may have been in
+            progress, this argument is required. An impossible state raises a `RobotError`.
         commanded : bool
             Whether your program chooses behaviors too, by `Session.command`.
         seed : int, optional
@@ -503,7 +505,7 @@ class Learner:
         ------
         SettingsError
             `state` is missing, and the last trial left the robot in another state than the domain's
-            start state.
+            start state, or in a state that is not known.
         """
         diagram = self.domain.diagram
         if state is None:
@@ -781,8 +783,14 @@ class Learner:
         for trial in trials:
             ends = [step.next_x for step in trial.steps if step.next_x != trial.momdp.terminal]
             names = trial.momdp.x_names
-            if trial.task.object_index < 0 and ends and names == self.domain.diagram.states:
+            if trial.task.object_index >= 0 or names != self.domain.diagram.states:
+                continue
+            if ends:
                 self._robot_state = names[ends[-1]]
+            # Which behavior was in progress where it was broken off, no log says.
+            broken_off = trial.ended and trial.report is None
+            if broken_off and moves(trial.momdp, trial.last_belief.x).any():
+                self._lose()
 
     def note_question(self, header: Mapping[str, object]) -> None:
         """Count the question of a log written before a restart, unless it is counted already."""
@@ -887,15 +895,15 @@ class Learner:
             max_cost=options.max_cost,
             on_step=on_step,
             on_end=self._end if learn else None,
+            on_lost=self._lose if task.object_index < 0 else None,
         )
         if log is not None:
             self._record(session, log, header or {})
         return session
 
     def _follow(self, momdp: MOMDP, on_step: Callable[[Step], None] | None, step: Step) -> None:
-        """Remember where a robot is after a step."""
-        if step.next_x != momdp.terminal:
-            self._robot_state = momdp.x_names[step.next_x]
+        """Remember where a robot is after a step; an answer leaves it where it was."""
+        self._robot_state = momdp.x_names[step.x if step.next_x == momdp.terminal else step.next_x]
         if on_step is not None:
             on_step(step)
 
@@ -911,6 +919,10 @@ class Learner:
         log = LiveLog(path, {**drawn, **header}, session.task.object_name, resumed=resumed)
         self._logs.note({session.task.key: log.path.parent})
         session.record(log)
+
+    def _lose(self) -> None:
+        """Note that a trial was broken off while a behavior may have moved the robot."""
+        self._robot_state = LOST
 
     def _end(self, trial: Trial) -> None:
         """Learn from a trial that has ended; a recognized object may have labels already."""

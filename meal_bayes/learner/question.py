@@ -35,6 +35,7 @@ IDLE = (
     "until it is given recordings or labels of what it has felt; the agent 'bayes' explores from "
     "nothing."
 )
+LOST = ""  # in place of a state: the last trial was broken off, perhaps during a behavior
 # A key by `QuestionCounts.next_key`.
 _COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})$")
 
@@ -172,8 +173,15 @@ def start_again(start: str, left: str | None) -> str:
     Raises
     ------
     SettingsError
-        If the last trial left the robot in another state.
+        If the last trial left the robot in another state, or in an unknown one.
     """
+    if left == LOST:
+        raise SettingsError(
+            "The last trial was broken off while a behavior may have been in progress, so the "
+            f"state of the robot is not known. Bring the robot to {start!r} and give begin(..., "
+            f"state={start!r}), or give the state in which it is; ask() with a robot asks its "
+            "start()."
+        )
     if left not in (None, start):
         raise SettingsError(
             f"The last trial left the robot in state {left!r}, but a trial begins in {start!r} by "

@@ -40,7 +40,7 @@ from meal_bayes.files import LEARNER, alone_in, draft_of
 from meal_bayes.learner.experience import NONE, WITHDRAWN, Context, Experience
 from meal_bayes.learner.fit import training_agent
 from meal_bayes.learner.online import Online, chances, classify
-from meal_bayes.learner.question import QuestionCounts
+from meal_bayes.learner.question import LOST, QuestionCounts
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.perception import Perception
 from meal_bayes.perception.feature_spaces import FeatureSpace, Whitening
@@ -691,8 +691,8 @@ def _refusing(path: Path) -> Iterator[None]:
 
 def _state_of(name: object, domain: Domain) -> str | None:
     """Return the state of the robot that a file contains, after a check."""
-    if name is None:
-        return None
+    if name is None or name == LOST:
+        return name
     return domain.diagram.states[state_index(domain.diagram.states, name, "robot_state")]
 
 

@@ -190,6 +190,9 @@ class Session:
         Called after every step.
     on_end : Callable[[Trial], None] | None
         Called once with the trial when it has ended, whatever the reason.
+    on_lost : Callable[[], None] | None
+        Called if the trial ends after `behavior` was read and before its outcome is observed, if
+        this behavior can change the state.
 
     Examples
     --------
@@ -223,6 +226,7 @@ class Session:
         max_cost: float | None = None,
         on_step: Callable[[Step], None] | None = None,
         on_end: Callable[[Trial], None] | None = None,
+        on_lost: Callable[[], None] | None = None,
     ) -> None:
         self._entrance = _Entrance()
         self.task = task
@@ -245,8 +249,10 @@ class Session:
         self._truth = truth_of(task.query, truth)
         self._on_step = on_step
         self._on_end = on_end
+        self._on_lost = on_lost
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
+        self._is_told = False  # whether the caller knows that behavior, and may execute it
         self._running_part = "robot"  # for `Trial.ended`, if it raises
         self._begun = False
         self._ended: str | None = None
@@ -288,6 +294,7 @@ class Session:
         self._decide_behind_log()
         if self._decision is None:
             return None
+        self._is_told = True
         return self.momdp.behavior_names[self._decision.action]
 
     @property
@@ -402,7 +409,7 @@ class Session:
             # What a replay senses is in its data set.
             sensed=execution.instance if self.task.object_index < 0 else None,
         )
-        self._decision = None
+        self._decision, self._is_told = None, False
         self._append(step_taken)
         self._decide()
         if excluded and excluded not in self._told:  # after the step is recorded, once a trial
@@ -446,6 +453,7 @@ class Session:
         if not isinstance(decision, Decision):
             raise SettingsError(f"command() takes a Decision; found {decision!r:.60}.")
         self._follow(decision)
+        self._is_told = True
 
     def _repeat(self, step: Step) -> None:
         """Repeat a step of a log; the robot does not move, and nothing is decided.
@@ -563,6 +571,8 @@ class Session:
     def _end(self, why: str) -> None:
         self._ended = why
         self._logged = None
+        if why and self._on_lost is not None and self._may_be_moving():
+            self._on_lost()
         self._decision = None
         trial = self.trial
         try:
@@ -571,6 +581,18 @@ class Session:
         finally:  # what was executed is known, logged or not
             if self._on_end is not None:
                 self._on_end(trial)
+
+    def _may_be_moving(self) -> bool:
+        """Whether the caller may be executing a behavior that can change the state."""
+        decision = self._decision if self._is_told else None
+        return decision is not None and bool(moves(self.momdp, self.belief.x)[decision.action])
+
+
+def moves(momdp: MOMDP, x: int) -> NDArray[np.bool_]:
+    """Return which behaviors are legal in state x and can lead to another state, (E,)."""
+    leads_on = momdp.transition[:, x] > 0
+    leads_on[:, [x, momdp.terminal]] = False
+    return np.asarray(leads_on.any(axis=1) & momdp.legal[x])
 
 
 def _after(history: History, step: Step) -> History:

@@ -22,7 +22,7 @@ def killed(session):
 
 def begin(learner, how, key=None):
     """Begin a trial of a kind, about an object of a name; perhaps by streams of one's own."""
-    return learner.begin("red", "mug", learn=how == "lesson", key=key)
+    return learner.begin("red", "mug", state="table", learn=how == "lesson", key=key)
 
 
 def streams_of(session):

@@ -112,7 +112,7 @@ def test_a_fault_of_a_robot_is_raised(dataset, make, tmp_path):
         ("blue", "heavy_blue_beans", SettingsError, "objects"),
         ("blue", [BOXES[0], BOXES[0]], SettingsError, BOXES[0]),
         ("blue", ["nothing"], SettingsError, "nothing"),
-        (Query(("heavy", "blue")), BOXES, QueryError, "yes or no"),
+        (Query(("heavy", "blue")), BOXES, QueryError, "yes-or-no"),
     ],
 )
 def test_what_cannot_be_searched_is_told_at_once(replaying, question, objects, error, message):
