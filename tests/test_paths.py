@@ -184,3 +184,13 @@ def test_folders_of_the_environment(home, monkeypatch):
         DownloadError, match=os.fspath(mirror)
     ):  # its files are others: the digest tells
         fetch("roc36")
+
+
+def test_without_a_home_folder_the_variable_is_named(monkeypatch):
+    def nowhere(_):
+        raise RuntimeError("could not determine the home directory")
+
+    monkeypatch.delenv("MEAL_BAYES_DATA_DIR", raising=False)
+    monkeypatch.setattr("pooch.os_cache", nowhere)
+    with pytest.raises(SettingsError, match="set MEAL_BAYES_DATA_DIR"):
+        cache_folder()

@@ -312,7 +312,13 @@ def cache_folder() -> Path:
     named = os.environ.get("MEAL_BAYES_DATA_DIR")
     if named:
         return checked_path("MEAL_BAYES_DATA_DIR", named)
-    return Path(pooch.os_cache("meal_bayes")).expanduser()
+    try:
+        return Path(pooch.os_cache("meal_bayes")).expanduser()
+    except RuntimeError:  # as of a user without an account
+        raise SettingsError(
+            "This user has no home folder, and so no cache; set MEAL_BAYES_DATA_DIR to a folder "
+            "that can be written."
+        ) from None
 
 
 def registry(data: str) -> dict[str, str]:
