@@ -511,7 +511,7 @@ class Session:
         """End the trial by an exception, unless it is over."""
         if self._ended is None:
             with _noted(fault, self._recorder):
-                text = f"{self._running_part} error: {type(fault).__name__}: {fault}"
+                text = f"{self._running_part} error: {type(fault).__name__}: {_text_of(fault)}"
                 self._end(text.removesuffix(": "))
 
     def _decide(self) -> None:
@@ -604,6 +604,14 @@ def _after(history: History, step: Step) -> History:
         cost=step.cost,
         unread=step.unread,
     )
+
+
+def _text_of(fault: BaseException) -> str:
+    """Return the text of an exception; "" where the exception cannot be shown as text."""
+    try:
+        return str(fault)
+    except Exception:  # of another package: the trial has to end all the same
+        return ""
 
 
 @contextmanager

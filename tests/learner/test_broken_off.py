@@ -15,7 +15,16 @@ class Broken(Exception):
     """What a callback raises."""
 
 
-FAULTS = [Broken("x"), KeyboardInterrupt(), SystemExit(2), MemoryError(), GeneratorExit()]
+class Untold(Exception):
+    """An exception of another package that cannot be shown as text."""
+
+    def __str__(self):
+        raise AttributeError("details")
+
+
+FAULTS = [
+    Broken("x"), KeyboardInterrupt(), SystemExit(2), MemoryError(), GeneratorExit(), Untold()
+]  # fmt: skip
 
 
 def seen(state="table"):
