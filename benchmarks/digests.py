@@ -2,6 +2,11 @@
 
     python benchmarks/digests.py before.json          # then change the code
     python benchmarks/digests.py after.json before.json
+    python benchmarks/digests.py after.json --carry-over CHECKOUT
+
+The last command runs a checkout of the code before a change, too. If no log differs, the change
+decides nothing else: what that code measured holds for this code. Results that were made by it then
+get the digest of this code, and keep the earlier ones under `same_as`.
 
 Three data sets, all agents offline, four online. A digest covers each trial's task, steps,
 percepts, values (eight digits), beliefs (ten digits), costs, rewards and report; no clocks,
@@ -11,13 +16,17 @@ versions or file formats.
 import argparse
 import hashlib
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Trial
+from paper_repro.frame import RESULTS, Setting, command
+from paper_repro.made_by import ROOT, made_by, parts, sources
 
 DATASETS = ("roc36", "ispy32", "cy101")
 _AGENTS = "iterative_random_legal,morc_itrs,bayes,bayes_memory"
@@ -45,13 +54,14 @@ def content(trial: Trial) -> str:
     return "|".join(parts)
 
 
-def digests(dataset: str, kind: str) -> dict[str, str]:
+def digests(root: Path, dataset: str, kind: str) -> dict[str, str]:
     """Run one kind on one data set; return a digest of each log, by its place in the run."""
     with TemporaryDirectory() as logs:
-        command = [sys.executable, "-m", "meal_bayes", "run", kind, "--dataset", dataset]
+        words = [sys.executable, "-m", "meal_bayes", "run", kind, "--dataset", dataset]
         subprocess.run(
-            [*command, *SMALL[kind].split(), "--logs", logs], check=True, capture_output=True
-        )
+            [*words, *SMALL[kind].split(), "--logs", logs],
+            check=True, capture_output=True, cwd=root, env={**os.environ, "PYTHONPATH": str(root)},
+        )  # fmt: skip
         return {
             "/".join((dataset, kind, *path.relative_to(logs).parts[1:])): hashlib.sha256(
                 "\n".join(map(content, read_trials(path))).encode()
@@ -60,22 +70,62 @@ def digests(dataset: str, kind: str) -> dict[str, str]:
         }
 
 
+def all_digests(root: Path) -> dict[str, str]:
+    """Run every kind on every data set by the code of a checkout."""
+    return {
+        log: digest
+        for dataset in DATASETS
+        for kind in SMALL
+        for log, digest in digests(root, dataset, kind).items()
+    }
+
+
+def carry_over(made: dict[str, Any], words: str, before: Path, now: Path = ROOT) -> bool:
+    """Note that this code makes what the code of another checkout made; return whether it does.
+
+    What a command runs beside the package, such as a script, has to be the same in both.
+    """
+    earlier, later = made_by(words, before), made_by(words, now)
+    same_beside = beside_package(words, before) == beside_package(words, now)
+    if made.get("code") != earlier or earlier == later or not same_beside:
+        return False
+    made |= {"code": later, "same_as": [*made.get("same_as", []), earlier]}
+    return True
+
+
+def beside_package(words: str, root: Path) -> list[bytes]:
+    """Return what decides the numbers of a command and is no part of the package."""
+    package = root / "meal_bayes"
+    files = (file for file in sources(words, root) if package not in file.parents)
+    return sorted(part for file in files for part in parts(file))
+
+
+def carry_all_over(before: Path) -> None:
+    """Carry over all results of the code in another checkout."""
+    for path in (ROOT / "benchmarks/readme.json", RESULTS / "provenance.json"):
+        entries = json.loads(path.read_text(encoding="utf-8"))
+        for name, made in entries.items():
+            if carry_over(made, made.get("command") or command(name, Setting()), before):
+                print(f"carried over: {name}")
+        path.write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> int:
     """Write the digests, and compare."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("out", type=Path, help="JSON to write")
-    parser.add_argument("before", type=Path, nargs="?", help="to compare with")
+    parser.add_argument("before", type=Path, nargs="?", help="JSON to compare with")
+    parser.add_argument("--carry-over", type=Path, metavar="CHECKOUT", help="of the code before")
     options = parser.parse_args()
-    now = {
-        log: digest
-        for dataset in DATASETS
-        for kind in SMALL
-        for log, digest in digests(dataset, kind).items()
-    }
+    now = all_digests(ROOT)
     options.out.write_text(json.dumps(now, indent=1))
     before = json.loads(options.before.read_text()) if options.before else now
+    if options.carry_over:
+        before = all_digests(options.carry_over.resolve())
     changed = sorted(log for log in {**before, **now} if before.get(log) != now.get(log))
     print(*changed, f"{len(changed)} of {len(now)} logs differ", sep="\n")
+    if options.carry_over and not changed:
+        carry_all_over(options.carry_over.resolve())
     return bool(changed)
 
 

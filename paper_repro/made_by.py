@@ -5,6 +5,9 @@ imports, and the file in which a function stands do not count. Neither do files 
 results and decide no number (`SHOWING`). Every other file of the package counts, so that a new one
 is not forgotten; of a command that runs a script, the script counts too, and of one that runs an
 item of the paper, its script and what items share (`SHARED`).
+
+A change of the package that decides nothing else need not make results again: if no decision of
+`benchmarks/digests.py` differs, `--carry-over` gives the results the digest of the changed code.
 """
 
 import ast

@@ -83,6 +83,30 @@ def test_a_function_that_moves_to_another_file_makes_no_table_old(made):
     assert made(**moved) == first
 
 
+def test_results_are_carried_over_if_only_the_package_changed(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import digests  # noqa: PLC0415  a script that imports its siblings
+
+    roots = [tmp_path / name for name in ("before", "other package", "other script")]
+    for root, number in zip(roots, (2, 3, 3), strict=True):
+        for name, text in {
+            "meal_bayes/grid.py": CODE.replace("x / 2", f"x / {number}"),
+            "benchmarks/run.py": "runs = 2" if root == roots[2] else "runs = 1",
+        }.items():
+            path = root / name
+            path.parent.mkdir(parents=True)
+            path.write_text(text, encoding="utf-8")
+    words = "python benchmarks/run.py"
+    before, package, script = (digests.made_by(words, root) for root in roots)
+    made = {"code": before}
+    assert not digests.carry_over(made, words, roots[0], roots[2])
+    assert not digests.carry_over({"code": script}, words, roots[0], roots[1])
+    assert made == {"code": before}
+    assert digests.carry_over(made, words, roots[0], roots[1])
+    assert made == {"code": package, "same_as": [before]}
+    assert not digests.carry_over(made, words, roots[0], roots[1])
+
+
 @pytest.fixture
 def fresh(readme, monkeypatch):
     """Let all rows be of this code; return what says that other code made some of them."""
