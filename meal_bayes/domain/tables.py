@@ -136,7 +136,7 @@ def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
 
 
 def domain_from_table(table: object) -> Domain:
-    """Build a domain from what a TOML file without `extends` holds, or a JSON object of that form.
+    """Build a domain from the content of a TOML file without `extends`, or from equal JSON.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def domain_from_table(table: object) -> Domain:
 
 
 def domain_table(domain: Domain) -> dict[str, Any]:
-    """Return the table, also as JSON, that `domain_from_table` reads back into an equal domain.
+    """Return the table (JSON values) from which `domain_from_table` builds an equal domain.
 
     >>> domain_from_table(domain_table(load_domain("toy"))) == load_domain("toy")
     True
@@ -220,11 +220,11 @@ def with_attribute(domain: Domain, name: str, values: Sequence[str] = ()) -> Dom
     Parameters
     ----------
     domain : Domain
-        Of the attributes so far, which keep their order; the new ones stand behind them.
+        Domain to extend. Its attributes keep their order, and the new ones follow them.
     name : str
         Name of the attribute or of the group.
     values : Sequence[str]
-        Attributes of the group, at least two; none for a single attribute.
+        Values of the group, at least two; empty for a single attribute.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def _read(name: str | Path) -> dict[str, Any]:
 
 
 def _check_sizes(table: dict[str, Any]) -> None:
-    """Refuse more names than a trial log holds, longer ones, and diagrams that fill the memory."""
+    """Raise an error if there are too many names, or if a name or the diagram is too large."""
     diagram = table["diagram"]
     names = [table["name"], table.get("data", table["name"])]
     for key in ("attributes", "behaviors", "groups", "synonyms", "states", "labels"):
@@ -299,7 +299,7 @@ def _check_sizes(table: dict[str, Any]) -> None:
 def _checked_fields(
     where: str, row: dict[str, Any], forms: dict[str, str], required: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Check the keys of a table, and the forms of its values; return them as fields hold them."""
+    """Check the keys of a table and the types of its values; return the values as fields."""
     for key in required:
         if key not in row:
             raise DomainError(f"{where} has no {key!r}; add it.")
@@ -316,7 +316,7 @@ def _checked_fields(
 
 
 def _read_value(form: str, value: Any) -> Any:
-    """Return a TOML value as fields hold it; a `TypeError` where it has not the form."""
+    """Return a TOML value as the value of a field; raise a `TypeError` if its type is wrong."""
     if form in _PARTS and isinstance(value, list | tuple):
         return tuple(_read_value(_PARTS[form], part) for part in value)
     if form == _NUMBER and isinstance(value, int | float) and not isinstance(value, bool):

@@ -23,7 +23,7 @@ def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Floats:
 
 
 def brier(positive: ArrayLike, truth: ArrayLike) -> Floats:
-    """Compute the squared error of the belief of each case, (n,).
+    """Compute the squared error of the belief in each case, (n,).
 
     >>> brier([0.75, 0.5], [True, False]).tolist()
     [0.0625, 0.25]
@@ -47,18 +47,18 @@ def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
 def expected_calibration_error(
     positive: ArrayLike, rng: np.random.Generator, *, draws: int = 200
 ) -> float:
-    """Estimate by simulation the mean ECE of calibrated beliefs of these values.
+    """Estimate by simulation the mean ECE that these beliefs would have if they were calibrated.
 
-    With few cases it is above 0; only an ECE above it shows miscalibration.
+    With few cases, this mean is above 0; only a larger ECE indicates miscalibration.
 
     Parameters
     ----------
     positive : ArrayLike
         (n,) beliefs, Pr(true).
     rng : np.random.Generator
-        Draws the truths.
+        Random generator that draws the truths.
     draws : int
-        Of all n truths.
+        Number of simulations.
     """
     b = real_vector("positive", positive)
     _check_beliefs(b)

@@ -20,7 +20,7 @@ HIGH_QUANTILE = (1 + MASS) / 2
 
 
 class Interval(NamedTuple):
-    """An estimate with its standard error and interval; NaN where the data do not determine it."""
+    """An estimate with its standard error and interval; NaN if the data do not determine them."""
 
     estimate: float
     se: float
@@ -55,27 +55,28 @@ class Measures:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Estimate:
-    """An estimate that has an interval at any level.
+    """An estimate, from which intervals at any level can be computed.
 
     Attributes
     ----------
     estimate : float
     se : float
-        Standard error of the estimate; NaN where the data do not determine it.
+        Standard error of the estimate; NaN if the data do not determine it.
     clusters : int
-        Independent clusters of trials behind it, of each object or split.
+        Number of independent clusters of trials, such as objects or splits.
     fixed : float
         Part of the variance that further clusters do not reduce.
     fraction : bool
-        Whether it is a probability: then its interval is Wilson's, on as many independent cases as
-        have its standard error (on the clusters alone where all cases agree).
+        Whether the estimate is a probability. Its interval is then Wilson's, for the number of
+        independent cases that would have the same standard error (for the number of clusters, if
+        all cases are equal).
     sides : tuple[Estimate, Estimate] | None
-        Of a difference of fractions: gains and losses, whose intervals its own joins [Zou2008], so
-        that it has a width where nobody gains or loses.
+        Gains and losses, for a difference of fractions. The interval combines their intervals
+        [Zou2008], so it has a width above 0 even if there are no gains and losses.
     cluster : str
-        What a cluster is, in the plural: objects, splits or trials.
+        Kind of the clusters, in the plural: "objects", "splits" or "trials".
     method : str
-        How the interval is made, in words.
+        Description of the method of the interval.
     """
 
     estimate: float
@@ -126,23 +127,24 @@ def _joined(gain: float, loss: float, rho: float) -> float:
 
 
 def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Estimate:
-    """Estimate the mean of values; clusters, such as objects, are independent of each other.
+    """Estimate the mean of values in independent clusters, such as objects.
 
-    The standard error is NaN for a single cluster; with every value its own, it is the usual one.
+    The standard error is NaN for a single cluster. If every value is a cluster of its own, it is
+    the usual standard error of a mean.
 
     Parameters
     ----------
     values : ArrayLike
-        (n,) one of each trial.
+        (n,) values, one for each trial.
     clusters : ArrayLike
-        (n,) names, such as those of the objects.
+        (n,) name of each value's cluster, such as the name of an object.
     fraction : bool
-        Whether the mean is a probability, so that its interval stays in [0, 1].
+        Whether the mean is a probability; its interval then stays in [0, 1].
 
     Raises
     ------
     SettingsError
-        No values, or another number of clusters.
+        There are no values, or the numbers of values and of names differ.
 
     Examples
     --------
@@ -214,7 +216,7 @@ def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Float
 def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Estimate]) -> Estimate:
     """Estimate a difference of fractions from paired values in [-1, 1], by gains and losses.
 
-    `estimate` is that of a mean, `clustered` or `resampled`.
+    `estimate` is a function that estimates a mean, such as `clustered` or `resampled`.
 
     >>> nobody = paired_fractions([0, 0, 0, 0], lambda x: clustered(x, [0, 0, 1, 1])).interval(0.5)
     >>> round(nobody.low, 2), round(nobody.high, 2)
@@ -232,10 +234,11 @@ def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Estimate]) 
 def resampled(values: ArrayLike, ratio: float) -> Estimate:
     """Estimate a mean over splits of the same objects, with the corrected resampled variance.
 
-    Splits share objects, so their spread alone is too small: J of them have the variance
-    (1/J + ratio) s^2 [Nadeau2003], the ratio being test objects / training objects. More splits
-    reduce the first part alone. It is safe for what each split draws anew, and needed for what an
-    agent owes to the objects that taught it (`benchmarks/compare.py`).
+    Splits share objects, so the spread between splits is too small. The mean of J splits has the
+    variance (1/J + ratio) s^2 [Nadeau2003], where the ratio is test objects / training objects.
+    More splits reduce only the first term. The correction is needed if differences are caused by
+    the training objects, and is conservative if each split draws new data
+    (`benchmarks/compare.py`).
 
     >>> resampled([0.0, 2.0], 0.5).se
     1.4142135623730951

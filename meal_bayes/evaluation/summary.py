@@ -36,14 +36,15 @@ _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
 
 
 class AnswerRates(NamedTuple):
-    """How often an agent says yes, where yes is right, and where it is not.
+    """Hit rate and false-alarm rate of an agent in yes-or-no questions.
 
     Attributes
     ----------
     hit_rate, false_alarm_rate : float
-        Of the judged trials; NaN where there are none. Abstaining is no yes.
+        Fractions of the answer yes among trials in which yes is right, and among those in which it
+        is wrong. Abstaining does not count as yes. NaN if there are no such trials.
     yes : float
-        Fraction of the judged trials in which yes is right.
+        Fraction of the trials with a known truth in which yes is right.
     """
 
     hit_rate: float
@@ -52,12 +53,12 @@ class AnswerRates(NamedTuple):
 
 
 def answer_rates(trials: Trials) -> AnswerRates:
-    """Compute hit rate and false-alarm rate of trials that ask for yes or no.
+    """Compute the hit rate and false-alarm rate of trials with yes-or-no questions.
 
     Raises
     ------
     SettingsError
-        Trials that ask for the values of several attributes.
+        Trials ask for the values of several attributes.
     """
     outcomes = TrialOutcomes.of(trials)
     if outcomes.attribute.shape[1] != 1:
@@ -76,10 +77,11 @@ def answer_rates(trials: Trials) -> AnswerRates:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SummaryRow(Measures):
-    """Measures of one agent; NaN where undefined. Standard errors are clustered by object.
+    """Measures of one agent; NaN if undefined. Standard errors treat objects as clusters.
 
-    NLL, Brier and ECE are of the final belief, over trials x queried attributes whose truth is
-    known. Trials of unknown truth, or broken off, count neither as right nor as wrong.
+    NLL, Brier score and ECE are those of the final belief, over all queried attributes with a known
+    truth. Trials with an unknown truth, and interrupted trials, count neither as right nor as
+    wrong.
     """
 
     agent: str
@@ -174,9 +176,10 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
 
 
 def estimate_mean(outcomes: TrialOutcomes, measure: str) -> Estimate:
-    """Estimate the mean of a measure, objects as clusters; NaN where no trial has it.
+    """Estimate the mean of a measure, with objects as clusters; NaN if no trial has the measure.
 
-    The measure is "reward", "cost", or "success" or "abstained", whose intervals stay in [0, 1].
+    The measure is "reward", "cost", "success" or "abstained". The intervals of the last two stay in
+    [0, 1].
     """
     values = measured(outcomes, measure)
     fraction = measure in _FRACTIONS
@@ -224,7 +227,7 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Comparison(Measures):
-    """One agent beside the reference, on the tasks that both have.
+    """Comparison of an agent with the reference agent, on the tasks of both.
 
     Attributes
     ----------
@@ -232,13 +235,13 @@ class Comparison(Measures):
     measure : str
         Quantity to compare: "reward", "cost", "success" or "abstained".
     tasks : int
-        Number of tasks of which both have the measure.
+        Number of tasks for which both agents have the measure.
     difference, low, high : float
-        Mean of agent - reference, in units of the measure, and its 95 % interval; NaN where they
+        Mean of agent - reference, in units of the measure, and its 95 % interval; NaN if the agents
         share no task.
     verdict : str
-        "ahead" or "behind" where the interval excludes 0, else "cannot be said". Being ahead means
-        a lower cost or fewer abstentions, or a higher reward or accuracy.
+        "ahead" or "behind" if the interval excludes 0, otherwise "cannot be said". Ahead means a
+        lower cost, fewer abstentions, a higher reward or a higher accuracy.
     """
 
     agent: str
@@ -267,26 +270,27 @@ class Comparison(Measures):
 def comparisons(
     trials: Trials, *, measure: str = "reward", reference: str | None = None
 ) -> list[Comparison]:
-    """Compare every agent with one of them by paired differences on the tasks that both have.
+    """Compare every agent with a reference agent by paired differences on the tasks of both.
 
     Parameters
     ----------
     trials : Trials
-        Of two agents or more.
+        Trials of two agents or more.
     measure : str
         Quantity to compare: "reward", "cost", "success" or "abstained".
     reference : str | None
-        The agent that the others are compared with; by default the paper's, else the first one.
+        Agent with which the others are compared; by default the paper's agent, or else the first.
 
     Returns
     -------
     list[Comparison]
-        One for each other agent, in the order of tables.
+        A comparison for each other agent, in the order of tables.
 
     Raises
     ------
     SettingsError
-        Less than two agents, an unknown reference or measure, or a task that one agent has twice.
+        There are fewer than two agents, the reference or the measure is unknown, or an agent has a
+        task twice.
     """
     outcomes = TrialOutcomes.of(trials)
     names = outcomes.agents
@@ -319,16 +323,16 @@ def comparisons(
 
 
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Estimate:
-    """Estimate the mean of first - second, clustered by object, over the tasks that both have.
+    """Estimate the mean of first - second over the tasks of both; objects are clusters.
 
-    Trials are paired by the keys of their tasks, in the order of these, so that
-    `difference(b, a)` is exactly -`difference(a, b)`; measures are those of `estimate_mean`.
+    Trials are paired by the keys of their tasks and sorted by these keys, so `difference(b, a)` is
+    exactly -`difference(a, b)`. The measures are those of `estimate_mean`.
 
     Raises
     ------
     SettingsError
-        No task in common; a task that one of them has twice, as in tests after several batches; or
-        a task that is another object's, or another question, in the other.
+        There is no common task, one side has a task twice (as in tests after several batches), or a
+        task has another object or question on the other side.
     """
     first_rows, second_rows = paired_rows(first, second)
     gain = measured(first, measure)[first_rows] - measured(second, measure)[second_rows]
