@@ -29,7 +29,7 @@ from meal_bayes.untrusted import name_fault
 
 @dataclass(frozen=True, slots=True)
 class Instance(ByValue):
-    """The features f_a of one successful execution (Eq. 1).
+    """The features f_a of one successful execution (Eq. 1), or the percepts of a detector.
 
     Attributes
     ----------
@@ -38,13 +38,13 @@ class Instance(ByValue):
     behavior : str
         Name of the behavior.
     recording : int
-        Which of the object's recordings, from 0.
+        Number of the object's recording, counted from 0.
     features : Mapping[str, NDArray[np.float32]] | None
-        Modality -> (D,) float32.
+        Feature vector (D,) of each modality.
     percepts : Mapping[str, float] | None
-        What a detector said in words: attribute -> -1 (surely no) to 1 (surely yes).
+        Percepts that a detector gave as words, by attribute, from -1 (surely no) to 1 (surely yes).
     scores : Mapping[str, float] | None
-        What a detector gave as numbers of a scale of its own, by attribute.
+        Scores that a detector gave on its own scale, by attribute.
     """
 
     object_index: int
@@ -294,21 +294,21 @@ class Dataset(ByValue):
 
 @dataclass(frozen=True, slots=True)
 class TrainingSet(ByValue):
-    """The paper's D: the recordings that the robot has, and the labels that people gave them.
+    """The paper's D: the recordings of a robot, and the labels that people gave for them.
 
-    They are sorted by (object, behavior, recording).
+    Rows are sorted by object, behavior and recording.
 
     Attributes
     ----------
     object, behavior, recording : NDArray[np.int32]
-        (n,) int32, positions from 0.
+        (n,) positions, counted from 0.
     labels : NDArray[np.int8]
-        (n,P) int8, 1 true, 0 false, -1 not labeled.
+        (n,P) labels: 1 true, 0 false, -1 unknown.
 
     Raises
     ------
     DataError
-        Lengths that do not agree, labels other than 1, 0 and -1, or two rows of one instance.
+        Lengths do not agree, labels are not 1, 0 or -1, or an instance has two rows.
     """
 
     object: NDArray[np.int32]
@@ -392,7 +392,7 @@ def check_objects(objects: tuple[str, ...]) -> None:
 
 
 def object_index(objects: tuple[str, ...], name: object) -> int:
-    """Return the position of an object; `SettingsError` where there is none of that name."""
+    """Return the position of an object; raise a `SettingsError` if there is none of this name."""
     if not isinstance(name, str) or name not in objects:
         raise SettingsError(unknown("object", name, objects))
     return objects.index(name)

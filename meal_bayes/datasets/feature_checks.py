@@ -172,29 +172,30 @@ def _log_chance(values: NDArray[Any]) -> float:
 def checked_features(
     values: ArrayLike, axes: tuple[str, ...] = ("features",), *, absent: bool = False
 ) -> NDArray[np.float32]:
-    """Copy features to single precision: real and finite numbers, at least one a recording.
+    """Check features and copy them to single precision.
 
-    NumPy alone would read "4_0" as 40, and drop masks and imaginary parts. Where columns have
-    names, as in a data frame, those that number or date the rows are refused.
+    Features must be real and finite numbers, at least one for each recording. (NumPy alone would
+    read "4_0" as 40, and drop masks and imaginary parts.) If columns have names, as in a data
+    frame, columns whose names suggest an index or a date are rejected.
 
     Parameters
     ----------
     values : ArrayLike
-        (D,) of one recording, or (..., D) of several.
+        (D,) features of one recording, or (..., D) of several recordings.
     axes : tuple[str, ...]
-        The names of the axes that are expected.
+        Names of the expected axes.
     absent : bool
-        Whether all features of a recording may be NaN: it is absent.
+        Whether all features of a recording may be NaN, because the recording is absent.
 
     Returns
     -------
     NDArray[np.float32]
-        A copy, in the shape of the values.
+        Copy with the shape of the values.
 
     Raises
     ------
     DataError
-        What was found instead; callers say of what.
+        The features are not valid. The message says what was found; callers add the context.
 
     Examples
     --------

@@ -306,7 +306,7 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
 
 
 def cache_folder() -> Path:
-    """Return the cache folder: ``MEAL_BAYES_DATA_DIR``, or the system's."""
+    """Return the cache folder: ``MEAL_BAYES_DATA_DIR``, or the cache folder of the system."""
     import pooch  # noqa: PLC0415  loaded when needed, so that the package loads NumPy only
 
     named = os.environ.get("MEAL_BAYES_DATA_DIR")
@@ -322,7 +322,7 @@ def cache_folder() -> Path:
 
 
 def registry(data: str) -> dict[str, str]:
-    """Return the SHA-256 digests of a data set's files, by their path below the mirror base."""
+    """Return the SHA-256 checksums of a data set's files, by their paths below the mirror."""
     folder = f"{source(data).path}/"
     listed = Path(__file__).with_name("SHA256SUMS").read_text(encoding="ascii")
     rows = [line.split("  ", 1) for line in listed.splitlines()]
@@ -330,7 +330,7 @@ def registry(data: str) -> dict[str, str]:
 
 
 def verify(data: str) -> list[tuple[Path, str]]:
-    """Compare the cached files with the registry: "ok", "missing" or "changed" each."""
+    """Verify the checksums of the downloaded files: "ok", "missing" or "changed" for each."""
     states = []
     for name, digest in registry(data).items():
         path = cache_folder() / name
@@ -345,12 +345,12 @@ def verify(data: str) -> list[tuple[Path, str]]:
 def fetch(data: str) -> Path:
     """Download a data set's files into the cache, and return the cache folder.
 
-    A file whose bytes differ from the registry is fetched anew.
+    A file whose checksum is wrong is downloaded again.
 
     Raises
     ------
     DownloadError
-        A file that cannot be downloaded, or whose bytes differ from the pinned ones.
+        A file cannot be downloaded, or its checksum is wrong.
     """
     import pooch  # noqa: PLC0415  as above
 

@@ -22,28 +22,29 @@ def make_synthetic(
     signal: float = 3.0,
     object_effect: float = 1.0,
 ) -> Dataset:
-    """Draw objects with labels, and recordings of every behavior on them.
+    """Draw synthetic objects with labels, and recordings of every behavior.
 
-    Each attribute of a context has a random direction and a strength uniform in [0, `signal`]; the
-    mean of the features moves by half of that in the direction if the attribute is true, else
-    against it. The object effect is a Gaussian shift of that standard deviation, one for each
-    object and context; so repeats of a behavior are dependent, as those of real objects are.
-    Recordings scatter with variance 1. Of an exclusive group of attributes every object has exactly
-    one; values are as balanced as can be.
+    In each context (a behavior and a modality), each attribute has a random direction and a
+    strength that is uniform in [0, `signal`]. If the attribute is true, the mean of the features
+    moves by half of the strength in this direction, and otherwise in the opposite direction. A
+    Gaussian shift with the standard deviation `object_effect` is drawn for each object and context,
+    so repeats of a behavior are dependent, as for real objects. The noise of recordings has
+    variance 1. Every object has exactly one value of each group; the values are as balanced as
+    possible.
 
     Parameters
     ----------
     domain : str, path, mapping or Domain
-        As a `Learner` takes it.
+        Domain, as for `Learner`.
     objects, recordings : int
-        O, and R of each object and behavior.
+        Number O of objects, and number R of recordings of each object and behavior.
     dimensions : int
-        D, features of each modality.
+        Number D of features of each modality.
 
     Raises
     ------
     SettingsError
-        A setting out of its range.
+        A setting is out of range.
     """
     for name, value, least in (
         ("objects", objects, 1), ("recordings", recordings, 1), ("dimensions", dimensions, 1),

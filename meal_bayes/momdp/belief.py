@@ -146,16 +146,16 @@ def joint_tables(
 
 
 class Transition(NamedTuple):
-    """One (a, x', z) of the history.
+    """One step (a, x', z) of the history: action, next state and observation.
 
     Attributes
     ----------
     action : int
         Index of a behavior, or of an answer.
     next_x : int
-        Index of the x it led to.
+        Index of the next state.
     observation : NDArray[np.int8] | None
-        (N,) percept levels, -1 where nothing came of an attribute; None where nothing came of any.
+        (N,) percept levels, -1 for attributes without a percept; None if there is no percept.
     """
 
     action: int
@@ -301,12 +301,12 @@ class Belief(FrozenArrays):
 def belief_of(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
-    """Return the belief at x of these log-probabilities (N,C) and percept counts (N,E,K).
+    """Return the belief in state x with the log-probabilities (N,C) and percept counts (N,E,K).
 
     Raises
     ------
     SettingsError
-        No state of the MOMDP, or arrays of other shapes.
+        The MOMDP does not have the state, or arrays have wrong shapes.
     """
     check_place("x", x, len(momdp.x_names))
     n, e, classes, levels = momdp.confusion.shape
@@ -436,8 +436,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K).
 
-    Summed over truths it is Pr(level) at a belief; `predictive` is what it averages over classes,
-    of any number of percepts so far, for planners that look several steps ahead.
+    Its sum over truths is Pr(level) under the belief. For planners that look several steps ahead,
+    `predictive` returns the probability given a latent class and any number of earlier percepts.
     """
     counts = belief.percept_counts[:, :, None]  # (N,E,1,K)
     total = counts.sum(axis=3, keepdims=True)
@@ -463,7 +463,7 @@ def percepts_left(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:
-    """Return the action index of the report that is worth most: of values the most probable."""
+    """Return the action index of the report with the highest expected reward."""
     reports = momdp.reports
     if reports.event is None:
         return momdp.n_behaviors + momdp.query.index_of(belief.best_report)
@@ -472,7 +472,7 @@ def best_report(momdp: MOMDP, belief: Belief) -> int:
 
 
 def report_value(momdp: MOMDP, belief: Belief) -> float:
-    """Compute the best report's expected reward; a variable is right with its largest Pr(value)."""
+    """Compute the expected reward of the best report."""
     reports = momdp.reports
     if reports.event is None:
         return float(reports.of_right(belief.right))
@@ -491,7 +491,7 @@ def _checked_report(momdp: MOMDP, report: object) -> NDArray[np.bool_]:
 
 
 def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
-    """Compute the expected reward (s) of a report at a belief: (N,) values, or (1,) yes."""
+    """Compute the expected reward (s) of a report given a belief: (N,) values, or (1,) yes."""
     report = _checked_report(momdp, report)
     reports = momdp.reports
     if reports.event is None:
@@ -501,7 +501,7 @@ def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> 
 
 @tiny_is_zero
 def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
-    """Compute Pr(a report is right) at a belief, of (N,) values, or (1,) yes."""
+    """Compute Pr(report is right) under a belief, for (N,) values, or (1,) yes."""
     report = _checked_report(momdp, report)
     if momdp.reports.event is None:
         return float(belief.agreement(report).prod())
@@ -510,11 +510,11 @@ def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) ->
 
 
 def best_answer(momdp: MOMDP, belief: Belief) -> int:
-    """Return the action that ends the trial best: a report, or abstaining where that is better."""
+    """Return the answer with the highest expected reward: a report, or to abstain."""
     abstains = report_value(momdp, belief) < momdp.exit_value
     return momdp.abstention if abstains else best_report(momdp, belief)
 
 
 def answer_value(momdp: MOMDP, belief: Belief) -> float:
-    """Compute the expected reward of the best answer, of which abstaining may be one."""
+    """Compute the expected reward of the best answer, which may be to abstain."""
     return max(report_value(momdp, belief), momdp.exit_value)

@@ -36,11 +36,11 @@ class Objective:
     Attributes
     ----------
     correct, incorrect : float | None
-        r+ and r-, rewards of a right and a wrong report; the domain's by default.
+        Rewards r+ and r- of a right and a wrong report; those of the domain by default.
     discount : float
         Discount factor of a step, used in planning only.
     abstain : bool
-        Whether the agent may answer "I do not know", where the domain's diagram lets it.
+        Whether the agent may answer "I do not know", if the domain's diagram allows it.
     payoffs : Payoffs | None
         Payoffs of yes and no if the query has none; the domain's by default.
     """
@@ -161,20 +161,19 @@ def build_momdp(
 
 
 def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:
-    """Return the MOMDP with a joint prior, whose margins become `prior`.
+    """Return the MOMDP with a joint prior, whose marginals become `prior`.
 
     Parameters
     ----------
     momdp : MOMDP
-        The problem, of any prior.
+        Decision problem with any prior.
     joint : ArrayLike
-        (Y,) Pr(values) in the order of `Query.values`, where attributes exclude or imply each
-        other.
+        (Y,) probability of each combination of values, in the order of `Query.values`.
 
     Raises
     ------
     SettingsError
-        No distribution over the values of the query.
+        `joint` is not a probability distribution over the values of the query.
     """
     table = shaped_array("joint", joint, momdp.query.n_values)
     return replace(momdp, joint=table, prior=(table @ momdp.query.values).clip(0.0, 1.0))
@@ -212,8 +211,8 @@ def _answer_rows(classes: NDArray[np.float64], accuracy: float, levels: int) -> 
 def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute the entropy (N,E,2), bits, of a percept given the attribute's value (Eq. 9).
 
-    More levels than two are summed to yes/no, so that alpha keeps its meaning. Behaviors that
-    never give a percept have entropy 0.
+    If there are more than two levels, they are summed to no and yes, so the meaning of alpha does
+    not depend on the number of levels. Behaviors without percepts have entropy 0.
     """
     yes = yes_of(momdp.rows)
     rows = np.clip(np.stack([1 - yes, yes]), np.finfo(float).tiny, 1.0)
@@ -230,22 +229,22 @@ def add_itrs_bonus(
     *,
     domain: Domain,
 ) -> MOMDP:
-    """Return the MOMDP with the bonus of ITRS, alpha Ent - beta IE of a percept (Eq. 11).
+    """Return the MOMDP with the bonus of ITRS, alpha Ent - beta IE for a percept (Eq. 11).
 
-    Only behaviors with modalities are shaped, as the domain lists them: `ask` answers but gives no
-    instance to learn from, `reinit` perceives nothing. Planners pay the bonus for percepts within
-    `limit` and `bonus_limit`; what a trial reports as its reward is never shaped.
+    Only behaviors with modalities get a bonus: `ask` gives no instance from which classifiers could
+    learn, and `reinit` gives no percept. Planners add the bonus for percepts within `limit` and
+    `bonus_limit`. The reward of a logged trial does not contain the bonus.
 
     Parameters
     ----------
     momdp : MOMDP
-        The unshaped MOMDP of the query.
+        MOMDP of the query without bonus.
     experience : ArrayLike
-        (N,E) IE of Eq. 10, labeled instances in units of delta.
+        (N,E) experience IE of Eq. 10: labeled instances in units of delta.
     alpha, beta : float
-        Reward for a bit of percept entropy, and subtracted for a unit of experience, s.
+        Reward for one bit of percept entropy, and cost of one unit of experience, s.
     domain : Domain
-        The domain the MOMDP was built from.
+        Domain from which the MOMDP was built.
     """
     entropy = observation_entropy(momdp)
     ie = shaped_array("experience", experience, *entropy.shape[:2])[..., None]

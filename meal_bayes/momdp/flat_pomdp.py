@@ -42,7 +42,7 @@ class FileTables(NamedTuple):
 
 
 def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
-    """Compute Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
+    """Compute Pr(percept vector | y) by Eq. 8, (Y,K^N); the first attribute varies slowest."""
     check_place("behavior", behavior, momdp.n_behaviors)
     truth = momdp.query.values.astype(int)  # (Y,N)
     # Percepts of attributes are independent given y: the joint row is an outer product.
@@ -97,25 +97,27 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class FlatPOMDP(FrozenArrays):
-    """A POMDP of dense arrays; of a MOMDP: state x * Y + y, then `term`; "none" is the last z.
+    """A POMDP as dense arrays. State x * Y + y is (x, y), and the last state is `term`.
 
-    What generic solvers cannot hold is left out: percepts never run out (`limit`). They know no
-    legality either: illegal behaviors end the trial at a price below every report.
+    The last observation is "none". The arrays cannot represent two properties of a MOMDP: the
+    number of percepts is not limited (`limit`), and illegal behaviors end the trial with a reward
+    below that of every report.
 
     Attributes
     ----------
     state_names, action_names, observation_names : tuple[str, ...]
-        (S,), (A,) and (Z,), percept levels by attribute, such as "1-0".
+        (S,), (A,) and (Z,) names. An observation is named by the percept level of each attribute,
+        such as "1-0".
     transition : NDArray[np.float64]
         (A,S,S) Pr(s' | s, a).
     observation : NDArray[np.float64]
-        (A,S,S,Z) Pr(z | a, s, s'); it depends on s where a behavior that keeps x fails.
+        (A,S,S,Z) Pr(z | a, s, s'). It depends on s if a behavior that does not change x may fail.
     reward : NDArray[np.float64]
-        (S,A).
+        (S,A) expected reward, s.
     start : NDArray[np.float64]
         (S,) belief before the trial.
     discount : float
-        Factor a step.
+        Discount factor of a step.
     """
 
     state_names: tuple[str, ...]
@@ -134,8 +136,8 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
     Raises
     ------
     SettingsError
-        Finite precision, whose state would have to carry the percept counts; several latent
-        classes a truth; or too many attributes for dense arrays.
+        The precision is finite (the state would have to contain the percept counts), a truth has
+        several latent classes, or there are too many attributes for dense arrays.
     """
     n_y = momdp.query.n_values
     n_z = momdp.levels ** len(momdp.query) + 1

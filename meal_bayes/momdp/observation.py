@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 def predictive(mean: Any, precision: Any, count: Any, total: Any) -> Any:
     """Return Pr(level | latent class, percepts so far) = (s c + n_z) / (s + n).
 
-    With c the class's mean probability of the level, s > 0 the row's precision (inf: known
-    exactly), n_z percepts of this level and n of all levels that the behavior has shown. Written as
-    c + (n_z - n c) / (s + n), which at infinite s is c.
+    Here c is the mean probability of the level in the class, s > 0 the precision of the row (inf if
+    it is known exactly), n_z the number of percepts of this level, and n the number of all percepts
+    of the behavior. It is computed as c + (n_z - n c) / (s + n), which is c for infinite s.
 
     >>> predictive(0.6, 5.0, 6, 6)
     0.8181818181818182

@@ -72,9 +72,10 @@ class Reports(ByValue):
     Attributes
     ----------
     query : Query
-        What is asked.
+        The question.
     payoffs : Payoffs
-        Of yes and no; of values the first two, of a right and of a wrong report.
+        Payoffs of yes and no. If the question asks for values, the first two are the rewards of a
+        right and of a wrong report.
     """
 
     query: Query

@@ -30,23 +30,23 @@ from meal_bayes.momdp.model import MOMDP
 
 
 def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
-    """Write a MOMDP as .pomdp; the file is there only once it is whole.
+    """Write a MOMDP as a .pomdp file; after an error, no file is written.
 
     State `s<x>p<y>` is (x, y), with the bits of y in the query's order; `term` is the last state.
 
     Parameters
     ----------
     momdp : MOMDP
-        The problem.
+        Decision problem.
     path : str | Path
-        Missing folders are made, a file of that name is replaced.
+        File to write. Missing folders are created, and an existing file is replaced.
 
     Raises
     ------
     SettingsError
-        What a file cannot hold: finite precision, several latent classes a truth, too many
-        attributes, a diagram where Pr(percept | behavior, x') depends on x, or (.pomdp alone) where
-        x could not be inferred from the observation.
+        The file format cannot represent the MOMDP: the precision is finite, a truth has several
+        latent classes, there are too many attributes, Pr(percept | behavior, x') depends on x, or
+        (only for .pomdp) x cannot be inferred from the observation.
     OutputError
         The file cannot be written.
     """
@@ -56,9 +56,10 @@ def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
 
 
 def write_pomdpx(momdp: MOMDP, path: str | Path) -> None:
-    """Write a MOMDP as .pomdpx; parameters and errors are those of `write_pomdp`.
+    """Write a MOMDP as a .pomdpx file; parameters and errors are those of `write_pomdp`.
 
-    Alpha vectors of a solver run over y in the query's bit order, observed values over x.
+    The alpha vectors of a solver are indexed by y in the query's bit order, and the observed
+    variable is x.
     """
     _write(path, _pomdpx(momdp, file_tables(momdp)))
 
