@@ -117,9 +117,9 @@ def reward_text(row: SummaryRow) -> str:
 
 
 class Summary(list[SummaryRow]):
-    """Rows of measures, one an agent; a list that shows itself as a table.
+    """A list with a row of measures for each agent, which is displayed as a table.
 
-    `outcomes` are those that it summarizes.
+    The attribute `outcomes` contains the outcomes that are summarized.
     """
 
     def __init__(self, rows: Iterable[SummaryRow], outcomes: TrialOutcomes) -> None:
@@ -127,11 +127,11 @@ class Summary(list[SummaryRow]):
         self.outcomes = outcomes
 
     def compare(self, first: str, second: str, *, measure: str = "reward") -> Interval:
-        """Compare two of the agents; see `compare`."""
+        """Compare two agents of the summary; see `meal_bayes.compare`."""
         return compare(self.outcomes, first, second, measure=measure)
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas data frame, a row for each agent."""
+        """Return a pandas data frame with a row for each agent."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
         return pd.DataFrame(list(self), columns=[f.name for f in dataclasses.fields(SummaryRow)])

@@ -33,7 +33,7 @@ ANSWERS = ("values", "yes or no", "balanced")
 
 
 def check_answer(answer: object) -> None:
-    """Refuse a kind of answer that there is not."""
+    """Raise an error if the kind of answer is unknown."""
     if not isinstance(answer, str) or answer not in ANSWERS:
         raise SettingsError(f"answer is {answer!r:.40}; expected one of {ANSWERS}.")
 
@@ -245,7 +245,7 @@ class OnlineConfig:
 
 
 def _check_size(config: Any, factors: tuple[str, ...], others: tuple[str, ...]) -> None:
-    """Refuse counts that are none, and a run that no machine would bring to its end."""
+    """Raise an error if a count is not valid, or if the run is too large."""
     for name in (*factors, *others):
         count = getattr(config, name)
         if not is_whole(count) or not 1 <= count <= MOST_TRIALS:

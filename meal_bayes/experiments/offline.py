@@ -51,18 +51,19 @@ def offline_tasks(
 ) -> list[Task]:
     """Draw the tasks of an offline run.
 
-    Objects are uniform; attributes are distinct and uniform among the askable ones. Where the
-    domain has N groups or more (ROC36), a query takes one attribute of each of N groups, and in
-    half of the trials the values named are the object's own. Pairs of object and attribute set come
-    in seeded order, none twice before all have come; with groups, of the pairs that the object is,
-    and of those that it is not, each by itself. The answer is one of `OfflineConfig`; what it is
-    changes neither objects, attributes nor random streams, save that whether two values of a group
-    hold together is not asked: the groups say it.
+    Objects are drawn uniformly, and attributes uniformly without repetition from those that can be
+    asked. If the domain has at least N groups (as ROC36), a query contains one attribute of each of
+    N groups, and in half of the trials all of them are true. Pairs of an object and a set of
+    attributes are drawn in a random order, and no pair is repeated before all pairs were drawn; if
+    there are groups, pairs that are true and pairs that are not have separate orders. The kind of
+    answer (see `OfflineConfig`) does not change the objects, attributes and random streams, except
+    that yes-or-no questions never ask whether two values of a group are both true.
 
     Raises
     ------
     SettingsError
-        More attributes than can be asked or than any object has labels of, no trials.
+        There are no trials, or there are fewer attributes that can be asked, or labels of any
+        object, than attributes in a question.
     """
     check_answer(answer)
     trials = check_whole("trials", trials)
@@ -111,7 +112,7 @@ def offline_tasks(
 def _check_labeled(
     table: PerceptTable, names: tuple[str, ...], n_attributes: int, *, conjunctions: bool
 ) -> None:
-    """Refuse more attributes than any object has labels of; of conjunctions, one of a group."""
+    """Raise an error if no object has labels of as many attributes as a question needs."""
     columns = table.domain.columns(names)
     labeled = table.labels[:, columns] >= 0
     most = int(labeled.sum(axis=1).max())
@@ -224,18 +225,18 @@ UNIT = 100  # trials of one agent in a file
 
 @dataclass(frozen=True, slots=True)
 class OfflineRun:
-    """A finished run.
+    """Result of an offline experiment.
 
     Attributes
     ----------
     config : OfflineConfig
-        Of the run.
+        Settings of the experiment.
     folder : Path
-        Of its logs.
+        Folder of the logs.
     paths : tuple[Path, ...]
-        Of each log.
+        Path of each log.
     seconds : dict[str, float]
-        That its trials took to compute, by agent; nan where a timing table was removed.
+        Computing time of each agent's trials, s; nan if a file with the times was removed.
     """
 
     config: OfflineConfig
@@ -244,20 +245,20 @@ class OfflineRun:
     seconds: dict[str, float]
 
     def trials(self) -> Iterator[Trial]:
-        """Read all trials back, agent by agent."""
+        """Read all trials from the logs, agent by agent."""
         for path in self.paths:
             yield from read_trials(path)
 
     def outcomes(self) -> TrialOutcomes:
-        """Read the outcomes of all trials back, agent by agent."""
+        """Read the outcomes of all trials from the logs, agent by agent."""
         return TrialOutcomes.join([read_outcomes(path) for path in self.paths])
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return a pandas data frame, a row for each trial; see `trials_frame`."""
+        """Return a pandas data frame with a row for each trial; see `trials_frame`."""
         return trials_frame(self.trials())
 
     def steps(self) -> Any:
-        """Return a pandas data frame, a row for each step of every trial; see `Trial.to_frame`."""
+        """Return a data frame with a row for each step of every trial; see `Trial.to_frame`."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
         frames = []

@@ -319,7 +319,7 @@ _REWARD = 300.0  # of the paper (Sect. 7.3)
 
 @dataclass(frozen=True, slots=True)
 class OnlineRun:
-    """A finished run: its settings, and the folder of its logs."""
+    """Result of an online experiment: its settings, and the folder of its logs."""
 
     config: OnlineConfig
     folder: Path
@@ -340,7 +340,7 @@ class OnlineRun:
 
 
 def repeat_folder(folder: Path, agent: str, repeat: int) -> Path:
-    """Return where the logs of an agent's repeat lie in the folder of a run."""
+    """Return the folder of the logs of an agent's repeat, in the folder of a run."""
     return agent_folder(folder, agent) / f"repeat-{repeat:03d}"
 
 
