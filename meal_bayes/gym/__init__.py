@@ -25,6 +25,7 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
+from meal_bayes.experiments.config import MOST_TRIALS
 from meal_bayes.files import LOGS, file_name, lasting_path
 from meal_bayes.gym.episode_log import LEFT, EpisodeLog
 from meal_bayes.learner import Learner
@@ -34,6 +35,7 @@ from meal_bayes.planners.solver import MAX_STEPS, decide
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Trial
+from meal_bayes.untrusted import LARGEST
 
 __all__ = ["ENVIRONMENTS", "MealEnv"]
 
@@ -133,9 +135,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError("Give dataset=, the name of a data set or your own percept table.")
         seed = check_whole("seed", seed)
         attributes = check_whole("attributes", attributes)
-        max_steps = check_whole("max_steps", max_steps)
-        trials = check_whole("trials", trials)
-        check_amount("scale", scale)
+        max_steps = _limited("max_steps", max_steps)
+        trials = _limited("trials", trials)
+        check_amount("scale", scale, LARGEST)
         table = TableSource.of(dataset).load()
         chosen_agent = as_agent(agent)
         names = _task_objects(table, objects)
@@ -328,6 +330,14 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return np.concatenate([running.momdp.legal[running.belief.x], self._answers])
 
 
+def _limited(name: str, value: object) -> int:
+    """Return a whole number of trials or steps that the memory of a run can hold."""
+    number = check_whole(name, value)
+    if number > MOST_TRIALS:
+        raise SettingsError(f"{name} is {number!s:.60}; give at most {MOST_TRIALS:,}.")
+    return number
+
+
 def _task_objects(table: PerceptTable, objects: str | Collection[str]) -> set[str]:
     """Return the names of the objects that tasks are about."""
     if isinstance(objects, str):
@@ -338,9 +348,9 @@ def _task_objects(table: PerceptTable, objects: str | Collection[str]) -> set[st
         if objects not in sets:
             raise SettingsError(unknown("set of objects", objects, sets))
         return sets[objects]
-    names: Any = objects  # users give anything
+    names: Any = objects.tolist() if isinstance(objects, np.ndarray) else objects  # or anything
     if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in names):
         raise SettingsError(f"objects are {objects!r:.60}; give names, or all, train or test.")
-    for name in objects:
+    for name in names:
         object_index(table.objects, name)  # raises where it is unknown
-    return set(objects)
+    return set(names)

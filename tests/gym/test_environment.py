@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from meal_bayes.datasets import load_percepts
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.gym import ENVIRONMENTS, MealEnv
 from meal_bayes.learner import Learner
@@ -303,6 +303,21 @@ def test_what_is_no_whole_number_is_no_action(action):
 def test_settings_that_mean_nothing_are_told(options):
     with pytest.raises(SettingsError, match=next(iter(options))):
         MealEnv("roc36", agent="greedy", **{"trials": 5} | options)
+
+
+@pytest.mark.parametrize("value", [10**30, 2**63, 1e308, np.inf, b"x", object()])
+@pytest.mark.parametrize("name", ["attributes", "trials", "max_steps", "scale", "objects"])
+def test_a_setting_beyond_what_a_run_can_hold_is_told(name, value):
+    with pytest.raises(MealBayesError, match=name.removesuffix("s")):
+        MealEnv("roc36", **{"agent": "greedy", "logs": None, name: value})
+
+
+def test_names_of_objects_may_stand_in_an_array():
+    names = ["heavy_blue_beans", "light_blue_rice"]
+    env = MealEnv("roc36", attributes=1, agent="greedy", logs=None, objects=np.array(names))
+    assert {task.object_name for task in env.tasks} == {*names}
+    with pytest.raises(SettingsError, match="objects are"):
+        MealEnv("roc36", agent="greedy", logs=None, objects=np.array(2))
 
 
 @pytest.mark.parametrize("task", ["x", 2.5, -1])
