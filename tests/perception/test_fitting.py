@@ -165,7 +165,7 @@ def test_a_sensor_that_never_varies_is_warned_of(make):
         ({"folds": 1}, "folds is 1; give at least 2"),
         ({"exact_objects": -1}, "exact_objects is -1"),
         ({"width": 0.0}, "width is 0"),
-        ({"width": 1.0, "method": "paper"}, "width is 1.0; give .* None to others"),
+        ({"width": 1.0, "method": "paper"}, "width is 1.0; give .* None with other methods"),
         ({"levels": 3}, r"3 levels; expected one of \[2, 4, 8\]"),
     ],
 )
