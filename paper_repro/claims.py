@@ -168,7 +168,7 @@ def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     run = [row for row in rows if row["outcome"] is not None]
     quantities = [quantity_of(row) for row in run]
     if len(run) == 1 and run[0]["estimate"] is not None:
-        return (f"{quantities[0]}: {_effect(run[0])}",)
+        return (f"{_in_words(quantities[0])}: {_effect(run[0])}",)
     if len(run) <= _SHOWN:
         return _one_by_one(run, quantities)
     if all(" is in [" in row["rule"] for row in run):
@@ -193,7 +193,7 @@ def _one_by_one(rows: Sequence[Mapping[str, Any]], quantities: Sequence[str]) ->
     told = []
     names = labels([row["text"] for row in rows])
     for row, label, quantity in zip(rows, names, quantities, strict=True):
-        measured = f"{quantity} " if mixed else ""
+        measured = f"{_in_words(quantity)} " if mixed else ""
         told.append(f"{label}{measured}{_effect(row)}")
     return tuple(told)
 
@@ -207,6 +207,16 @@ def quantity_of(row: Mapping[str, Any]) -> str:
     'hours less its'
     """
     return str(row["rule"]).partition(" is ")[0].partition(": ")[0].removesuffix(", s")
+
+
+def _in_words(quantity: str) -> str:
+    """Write out the words by which a rule names a difference.
+
+    >>> _in_words("accuracy less its")
+    "accuracy minus the other agent's"
+    """
+    written = quantity.replace(" less its", " minus the other agent's").replace(" less ", " minus ")
+    return written.replace("iterative_morc's", "Iterative MORC's")
 
 
 def labels(texts: Sequence[str]) -> list[str]:
@@ -253,13 +263,13 @@ def _effect(row: Mapping[str, Any]) -> str:
 def _range(quantity: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """Show the least and the largest estimate of a quantity, and how wide its intervals are."""
     if len(rows) == 1:
-        return f"{quantity}: {_effect(rows[0])}"
+        return f"{_in_words(quantity)}: {_effect(rows[0])}"
     form, unit = _form(rows)
     estimates = [row["estimate"] for row in rows]
     halves = [(row["interval"][1] - row["interval"][0]) / 2 for row in rows]
     plain = form.removeprefix("+")
     return (
-        f"{quantity}: {min(estimates):{form}} to {max(estimates):{form}}{unit} (of {len(rows)},"
+        f"{_in_words(quantity)}: {min(estimates):{form}} to {max(estimates):{form}}{unit} (of {len(rows)},"
         f" ± {min(halves):{plain}} to {max(halves):{plain}})"
     )
 
