@@ -269,8 +269,8 @@ def _range(quantity: str, rows: Sequence[Mapping[str, Any]]) -> str:
     halves = [(row["interval"][1] - row["interval"][0]) / 2 for row in rows]
     plain = form.removeprefix("+")
     return (
-        f"{_in_words(quantity)}: {min(estimates):{form}} to {max(estimates):{form}}{unit} (of {len(rows)},"
-        f" ± {min(halves):{plain}} to {max(halves):{plain}})"
+        f"{_in_words(quantity)}: {min(estimates):{form}} to {max(estimates):{form}}{unit}"
+        f" (of {len(rows)}, ± {min(halves):{plain}} to {max(halves):{plain}})"
     )
 
 
