@@ -422,6 +422,10 @@ class Rows:
         self._held[self._count : needed] = rows
         self._count = needed
 
+    def cut(self, count: int) -> None:
+        """Remove the rows behind the first `count`."""
+        self._count = min(self._count, count)
+
     def widen(self, columns: int, value: Any) -> None:
         """Append columns to rows (n,W), each filled with a value."""
         added = np.full((len(self._held), columns), value, self._held.dtype)

@@ -289,8 +289,14 @@ class Experience:
     def object_number(self, name: str) -> int:
         """Return the number of an object, which is new if the object was not met before."""
         if name not in self.objects:
-            self.objects[name] = len(self.objects)
-            self.object_labels.append(self.no_labels)
+            number = len(self.objects)
+            try:
+                self.object_labels.append(self.no_labels)
+                self.objects[name] = number
+            except BaseException:  # Ctrl-C between the two
+                self.object_labels.cut(number)
+                self.objects.pop(name, None)
+                raise
         return self.objects[name]
 
     def trial_number(self, key: Key) -> int:
@@ -533,15 +539,26 @@ class Experience:
 
         Features are stored only if they are complete for the modalities of the behavior.
         """
-        row = self.instances.append(fields)
-        spec = self.domain.behaviors[fields.behavior]
-        if features and all(modality in features for modality in spec.modalities):
-            for modality in spec.modalities:
-                self.features[spec.name, modality][row] = np.array(features[modality], np.float32)
-        self.levels.append(levels)
-        self.detected.append(self.no_labels if detected is None else detected)
-        self.scores.append(scores_of(scores, self.domain))
-        self.labels.append(self.no_labels)
+        row = len(self.instances)
+        try:
+            self.instances.append(fields)
+            spec = self.domain.behaviors[fields.behavior]
+            if features and all(modality in features for modality in spec.modalities):
+                for modality in spec.modalities:
+                    self.features[spec.name, modality][row] = np.array(
+                        features[modality], np.float32
+                    )
+            self.levels.append(levels)
+            self.detected.append(self.no_labels if detected is None else detected)
+            self.scores.append(scores_of(scores, self.domain))
+            self.labels.append(self.no_labels)
+        except BaseException:  # Ctrl-C between two tables, whose rows belong together
+            tables = (self.instances, self.levels, self.detected, self.scores, self.labels)
+            for rows in tables:
+                rows.cut(row)
+            for by_instance in self.features.values():
+                by_instance.pop(row, None)
+            raise
         self._relabel([row])
         return row
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance, make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import QueryError, SettingsError
@@ -199,3 +200,43 @@ class Arm:
 def test_values_of_other_types_are_one_line(call, message):
     with pytest.raises((SettingsError, QueryError), match=message):
         call(Learner("toy", logs=None))
+
+
+TABLES = ("instances", "levels", "detected", "scores", "labels")
+
+
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("number", range(8))
+def test_an_interruption_leaves_no_part_of_a_row(
+    number, after, dataset, make, tmp_path, monkeypatch
+):
+    """Ctrl-C may come before or after any of the tables gets its row."""
+    learner = make.learner(dataset, "greedy")
+    calls = iter(range(1000))
+    extend = Rows.extend
+
+    def interrupted(rows, more):
+        now = next(calls) == number
+        if now and not after:
+            raise KeyboardInterrupt
+        extend(rows, more)
+        if now:
+            raise KeyboardInterrupt
+
+    arm = make.arm()
+
+    def ask_again():
+        for _ in range(3):
+            learner.ask("red, full", arm, object_name="a new cup")
+
+    monkeypatch.setattr(Rows, "extend", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        ask_again()
+    monkeypatch.undo()
+    record = learner.experience
+    assert {len(getattr(record, name)) for name in TABLES} == {len(record.instances)}
+    assert len(record.object_labels) == len(record.objects)
+    assert all(max(rows, default=0) < len(record.instances) for rows in record.features.values())
+    learner.tell(learner.ask("red", make.arm()), {"red": False})
+    learner.save(tmp_path / "mind")
+    assert repr(Learner.load(tmp_path / "mind", logs=None).experience) == repr(record)
