@@ -22,8 +22,9 @@ _HEADER = (
     "percept right",
 )
 _READING = (
-    "Percepts of an object that it has no label of: Youden's J is how often they say yes where "
-    "that is true, less where it is not; right are those of all, at the base rate."
+    "The last two columns are of percepts of an object without labels. Youden's J is the "
+    "probability of a percept yes if the attribute is true, minus that if it is false. The last "
+    "column is the probability that a percept is right, at the base rate."
 )
 NO_LABEL = "Nothing is learned yet, as there is no label. "
 WITH_NOTHING = (

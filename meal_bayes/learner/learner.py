@@ -74,9 +74,9 @@ _notes = logging.getLogger("meal_bayes.learner")
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
 _STRANGER = (
-    "By the logs the agent {!r} decided from then on, which is not a shipped one: load() the "
-    "learner with this agent=, or set learner.agent, before recall(); else what it learned is not "
-    "repeated."
+    "According to the logs, the agent {!r} decided from then on, which is no agent of the package. "
+    "Load the learner with it, by load(path, agent=...), or set learner.agent, before recall(); "
+    "otherwise recall() cannot repeat what was learned."
 )
 
 

@@ -27,13 +27,13 @@ from meal_bayes.untrusted import name_fault
 Question = str | Sequence[str] | Query | Task
 NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
-    "name an object of the table."
+    "ask about an object of the table."
 )
 IDLE = (
-    "The agent {!r} answered without touching anything: it has learned nothing of what was asked, "
-    "so no behavior promises more than it costs, and it does not explore to learn. It answers so "
-    "until it is given recordings or labels of what it has felt; the agent 'bayes' explores from "
-    "nothing."
+    "The agent {!r} answered without touching anything: it has learned nothing about what was "
+    "asked, so it expects no behavior to be worth its cost, and it does not explore in order to "
+    "learn. Give the learner recordings, or labels of objects that the robot has perceived, or use "
+    "the agent 'bayes', which explores without any data."
 )
 LOST = ""  # in place of a state: the last trial was broken off, perhaps during a behavior
 # A key by `QuestionCounts.next_key`.

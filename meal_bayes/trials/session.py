@@ -31,8 +31,8 @@ from meal_bayes.trials.record import Step, Task, answer_step, truth_of
 from meal_bayes.trials.trial import Trial
 
 _OTHERWISE = (
-    "The log goes on with {1} at step {0}, where the agent would now decide for {2}: it has "
-    "learned other things since, or less. The trial goes on from the steps in its log."
+    "At step {0}, the log continues with {1}, but the agent would now choose {2}, because it has "
+    "learned something else since, or less. The trial continues after the steps in its log."
 )
 
 

@@ -15,7 +15,7 @@ from meal_bayes.planners import Untouched
 from meal_bayes.robots import Outcome
 
 pytestmark = pytest.mark.filterwarnings(
-    "ignore:There is no recording", "ignore:By the logs the agent"
+    "ignore:There is no recording", "ignore:According to the logs"
 )
 
 NAMES = ("mug", "pot", "cup 1", None)

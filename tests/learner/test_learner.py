@@ -290,7 +290,7 @@ class TestFromNothing:
     def test_one_that_does_not_explore_executes_nothing(self, dataset, make):
         learner = Learner(dataset.domain, agent="bayes_no_bonus", logs=None)
         with pytest.warns(
-            UserWarning, match="'bayes_no_bonus' answered without .*'bayes' explores"
+            UserWarning, match="'bayes_no_bonus' answered without .*use the agent 'bayes'"
         ):
             assert len(learner.ask("red", make.arm()).steps) == 1
         learner.ask("red", make.arm())  # warned once
