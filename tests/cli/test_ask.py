@@ -67,7 +67,7 @@ def test_an_object_with_an_odd_name_gets_a_plain_file_name(run, table):
     words = ("ask", "red", "--dataset", "odd.npz", "--object", odd, "--agent", "greedy", "--json")
     path = Path(json.loads(run(*words).stdout)["log"])
     assert path.parent == Path("logs")
-    assert path.name.startswith("ask-.._.._red_jar-")
+    assert path.name.startswith("ask-__.._red_jar-")
     assert path.is_file()
 
 

@@ -143,7 +143,7 @@ def test_what_cannot_be_exported_is_told(fails):
     mixed = ("--query", "heavy and blue or green", "--yes-no")
     assert 'mixes "and" with "or"' in fails("export", "own.pomdp", *mixed)
     several = ("--query", "heavy, blue", *YES_NO[1:])
-    assert "ask a question of yes" in fails("export", "own.pomdp", *several)
+    assert "ask a yes-or-no question" in fails("export", "own.pomdp", *several)
     assert not list(Path.cwd().iterdir())
 
 

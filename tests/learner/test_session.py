@@ -250,7 +250,7 @@ def test_a_restart_with_other_knowledge_goes_on_from_the_log(dataset, make, tmp_
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     session._recorder._file.close()
     resumed = other.resume(draft, state="table")
-    with pytest.warns(UserWarning, match="with look at step 0, where the agent would .* for lift"):
+    with pytest.warns(UserWarning, match="step 0, .* look, but the agent would now choose lift"):
         assert resumed.behavior is None  # it answers at once
     assert resumed.steps[0].decision.action == session.steps[0].decision.action
     resumed.cancel()
@@ -399,7 +399,7 @@ def test_a_trial_does_not_begin_where_the_robot_is_not(dataset, make, tmp_path, 
     ENDS[end](session, arm)
     learner.save(tmp_path / "mind")
     for heir in (learner, Learner.load(tmp_path / "mind", agent=agent, logs=None)):
-        with pytest.raises(SettingsError, match=r"in 'held'.*begin\(\.\.\., state='held'\)"):
+        with pytest.raises(SettingsError, match=r"state 'held'.*begin\(\.\.\., state='held'\)"):
             heir.begin("red")
         assert heir.ask("red", make.arm()).report is not None  # start() says where it is
         heir.begin("red", state="table", commanded=True).cancel()

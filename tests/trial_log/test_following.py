@@ -243,10 +243,10 @@ def test_a_data_set_is_one_by_whatever_path_its_table_is_named(make, tmp_path):
         write_trials(path, make.trials(1), header={"config": {"dataset": str(table)}})
     logs = [tmp_path / "logs" / f"{number}.mcap" for number in range(3)]
     assert len(trials_of(Logs(*logs[:2]))) == 2
-    with pytest.raises(LogError, match="are of 3 data sets"):
+    with pytest.raises(LogError, match="belong to 3 data sets"):
         list(Logs(*logs).trials())
     (tmp_path / "1.npz").unlink()  # what it held cannot be told any more
-    with pytest.raises(LogError, match="are of 2 data sets"):
+    with pytest.raises(LogError, match="belong to 2 data sets"):
         list(Logs(*logs[:2]).trials())
 
 
