@@ -45,14 +45,14 @@ def group_power(values: int) -> float:
 
 
 class Truths(NamedTuple):
-    """What a belief says of the truth; axes before the last are of any number of beliefs.
+    """Probabilities of the truth in one or several beliefs, which are the leading axes.
 
     Attributes
     ----------
     log_odds : NDArray[np.float64]
-        (...,N) of each attribute.
+        (...,N) log-odds that each attribute is true.
     joint_table : NDArray[np.float64] | None
-        (...,Y) Pr(values) where the prior is a joint one.
+        (...,Y) probability of each combination of values if the prior is a joint distribution.
     """
 
     log_odds: NDArray[np.float64]
@@ -60,13 +60,13 @@ class Truths(NamedTuple):
 
     @property
     def positive(self) -> NDArray[np.float64]:
-        """Pr(attribute is true), (...,N)."""
+        """Probability that each attribute is true, (...,N)."""
         from scipy.special import expit  # noqa: PLC0415  light names import no SciPy
 
         return np.asarray(expit(self.log_odds))
 
     def factors(self, groups: tuple[tuple[int, ...], ...]) -> list[NDArray[np.float64]]:
-        """Return probabilities (...,V) as `Belief.factors` has them, of a query's groups."""
+        """Return the probabilities (...,V) of each independent factor; see `Belief.factors`."""
         return (
             by_variable(self.positive, groups) if self.joint_table is None else [self.joint_table]
         )
@@ -75,7 +75,7 @@ class Truths(NamedTuple):
 def by_variable(
     positive: NDArray[np.float64], groups: tuple[tuple[int, ...], ...]
 ) -> list[NDArray[np.float64]]:
-    """Return probabilities (...,V) of each variable's values, of Pr(attribute is true) (...,N)."""
+    """Return Pr(value) (...,V) of each variable, from Pr(attribute is true) (...,N)."""
     group_of = {i: group for group in groups for i in group}
     by_truth = np.stack([1.0 - positive, positive], axis=-1)  # (...,N,2)
     return [
@@ -86,9 +86,9 @@ def by_variable(
 
 
 def truths_of(momdp: MOMDP, log_prob: NDArray[np.float64]) -> Truths:
-    """Compute what ln Pr(latent class), (...,N,C), says of the truth.
+    """Compute the probabilities of the truth from ln Pr(latent class), (...,N,C).
 
-    Percepts and truth are independent given the class, so Pr(truth | class) is the MOMDP's.
+    Percepts and truth are independent given the class, so the MOMDP contains Pr(truth | class).
     """
     log_joint = log_prob[..., None, :] + momdp.log_truth  # (...,N,2,C)
     with np.errstate(divide="ignore", invalid="ignore"):  # nan where no value is possible
@@ -111,7 +111,7 @@ def truths_of(momdp: MOMDP, log_prob: NDArray[np.float64]) -> Truths:
 def _coupled_truths(
     momdp: MOMDP, joint: NDArray[np.float64], of_truth: NDArray[np.float64]
 ) -> Truths:
-    """Compute Pr(values) and its margins, from ln Pr(truth) (...,N,2) of each attribute alone."""
+    """Compute Pr(values) and its marginals from ln Pr(truth) (...,N,2) of each attribute alone."""
     values = value_table(len(momdp.query), momdp.query.groups)  # (Y,N)
     log_joint = _log_joint(momdp, joint, of_truth)
     # ln of the sums over the values in which each attribute is true, and false, (...,N)
@@ -139,7 +139,7 @@ def _log_joint(
 def joint_tables(
     momdp: MOMDP, joint: NDArray[np.float64], log_prob: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Compute Pr(values), (...,Y), from ln Pr(latent class) (...,N,C), and no margins."""
+    """Compute Pr(values), (...,Y), from ln Pr(latent class) (...,N,C), without marginals."""
     with np.errstate(divide="ignore", invalid="ignore"):  # nan where no value is possible
         of_truth = np.logaddexp.reduce(log_prob[..., None, :] + momdp.log_truth, axis=-1)
         return np.asarray(np.exp(_log_joint(momdp, joint, of_truth)))
@@ -155,7 +155,8 @@ class Transition(NamedTuple):
     next_x : int
         Index of the next state.
     observation : NDArray[np.int8] | None
-        (N,) percept levels, -1 for attributes without a percept; None if there is no percept.
+        (N,) percept levels; -1 for attributes without a percept. The value is None if the step
+        yields no percept.
     """
 
     action: int
@@ -216,13 +217,13 @@ class Belief(FrozenArrays):
 
     @property
     def shown(self) -> NDArray[np.int64]:
-        """Return the number of percepts of each behavior, (E,), about all or some attributes."""
+        """Return the number of percepts of each behavior, (E,), the largest of any attribute."""
         return np.asarray(self.percept_counts.sum(axis=2).max(axis=0, initial=0), np.int64)
 
     @property
     @tiny_is_zero
     def positive(self) -> NDArray[np.float64]:
-        """Probability of each attribute, (N,)."""
+        """Probability that each attribute is true, (N,)."""
         with np.errstate(over="ignore"):
             return freeze(1.0 / (1.0 + np.exp(-self.log_odds)))
 
@@ -233,7 +234,7 @@ class Belief(FrozenArrays):
 
     @property
     def factors(self) -> list[NDArray[np.float64]]:
-        """Independent factors of the belief: `marginals`, or else one joint table."""
+        """Independent factors of the belief: `marginals`, or one joint table if there is one."""
         return self.marginals if self.joint_table is None else [self.joint_table]
 
     @property
@@ -259,9 +260,11 @@ class Belief(FrozenArrays):
         return freeze(best, np.bool_)
 
     def agreement(self, report: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the N factors of Pr(report is right); a false value of a group has factor 1.
+        """Return the independent factors of Pr(report is right), (N,): one for each attribute.
 
-        If attributes are dependent, there is a single factor.
+        The factor of an attribute is the probability of its reported value. In a group, the factor
+        of a value that the report denies is 1, because the reported value already implies it. If
+        attributes are dependent, the only factor is the probability of the whole report.
         """
         if self.joint_table is not None:
             return np.asarray(self.joint_table[(self._values == report).all(axis=1)])

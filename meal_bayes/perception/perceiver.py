@@ -21,7 +21,7 @@ from meal_bayes.perception.feature_spaces import FeatureSpace
 
 @runtime_checkable
 class Perceiver(Protocol):
-    """Source of the percepts of an executed behavior.
+    """Source of the percepts of an executed behavior: an object with the method `observe`.
 
     Examples
     --------
@@ -49,8 +49,8 @@ class Perceiver(Protocol):
         Returns
         -------
         levels : Levels | None
-            (N,) percept levels; -1 for attributes without a percept. None if no attribute has a
-            percept.
+            (N,) percept levels; -1 for attributes without a percept. The value is None if the
+            behavior yields no percept of any queried attribute.
         """
         ...
 
@@ -79,7 +79,7 @@ def person_says(
     levels: int,
     rng: np.random.Generator,
 ) -> Levels | None:
-    """Draw the answer of a person who knows labels (O,P); None if the behavior does not ask."""
+    """Draw a person's answer from labels (O,P); return None if the behavior asks no person."""
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:
         return None
@@ -89,7 +89,7 @@ def person_says(
 
 @dataclass(frozen=True, slots=True)
 class RecordedPercepts:
-    """Percepts of real recordings, by classifiers that were not trained on the object.
+    """Percepts of recordings by classifiers that were not trained on the recorded object.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class RecordedPercepts:
 
     @tiny_is_zero
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
-        """Return the levels of the outputs, or a person's answer, (N,).
+        """Return the levels of the classifier outputs, or a person's answer, (N,).
 
         Raises
         ------
@@ -140,7 +140,7 @@ class SampledPercepts(FrozenArrays):
     domain : Domain
         Domain with the behaviors and attributes.
     labels : NDArray[np.int8]
-        (O,P) 1 true, 0 false, -1 unknown.
+        (O,P) labels: 1 for true, 0 for false, -1 for unknown.
     confusion : NDArray[np.float64]
         (P,E,2,K) confusion matrices, with a row for each truth that sums to 1.
     """
