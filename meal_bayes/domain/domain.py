@@ -282,7 +282,7 @@ class Domain:
         return name
 
     def replace(self, row: NDArray[np.int8], new: NDArray[np.int8]) -> NDArray[np.int8]:
-        """Return the labels of an object after new labels replace earlier ones.
+        """Combine earlier and new labels of an object; a new label replaces an earlier one.
 
         If one value of a group is true, its other values become false. If all values but one are
         false, this one becomes true.
