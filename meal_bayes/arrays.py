@@ -141,6 +141,16 @@ def _may_lack(array: NDArray[Any]) -> bool:
     return array.dtype.kind in "fcmM"
 
 
+def _real(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the real parts of an array (n,), also of numbers that it holds as objects."""
+    if array.dtype != object:
+        return np.asarray(array.real)
+    parts = array.copy()
+    for place, part in enumerate(array):
+        parts[place] = getattr(part, "real", part)
+    return parts
+
+
 def hash_of(value: Any) -> int:
     """Compute a hash that is the same for values that `equal_values` finds equal.
 
@@ -152,7 +162,7 @@ def hash_of(value: Any) -> int:
         try:
             array = np.asarray(value)
             # Real parts alone: equal complex numbers have equal ones. -0 equals 0.
-            first = array.ravel()[:_HASHED].real.astype(float) + 0.0
+            first = _real(array.ravel()[:_HASHED]).astype(float) + 0.0
             first[np.isnan(first)] = np.nan
             return hash((array.shape, first.tobytes())) if array.shape else hash(float(first[0]))
         except (TypeError, ValueError):

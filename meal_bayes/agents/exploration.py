@@ -49,7 +49,7 @@ from scipy.special import digamma, entr
 from meal_bayes.agents.base_rates import RATES
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.arrays import Bools, ByValue, Floats, no_and_yes_of, plain_fields
-from meal_bayes.domain import Domain, Query
+from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.momdp import MOMDP, Objective, add_itrs_bonus, build_momdp
 from meal_bayes.planners import batched_value_iteration
@@ -124,6 +124,12 @@ class Progress(ByValue):
         (P,) attributes of the object of the current trial with a remembered label.
     values : dict[bytes, NDArray[np.float64]]
         Cache of the results of `values_ahead`, kept from one trial to the next.
+    payoffs : Payoffs | None
+        Payoffs of yes and no in later yes-or-no questions, and in later questions about one
+        attribute; None if a right report has `reward` whatever it says.
+    abstain : bool
+        Whether the robot may answer "I do not know", which matters only with payoffs: without
+        them, the best report of one attribute is never expected to have a negative reward.
     """
 
     knowledge: Knowledge
@@ -140,6 +146,8 @@ class Progress(ByValue):
     values: dict[bytes, NDArray[np.float64]] = field(
         default_factory=dict, repr=False, compare=False
     )
+    payoffs: Payoffs | None = None
+    abstain: bool = False
 
     @property
     def beta(self) -> NDArray[np.float64]:
@@ -368,6 +376,8 @@ class LearningBonus:
         columns = progress.knowledge.domain.columns(momdp.query.attributes)
         told = np.where(progress.labeled, 1.0, progress.told_fraction)
         told[columns] = 1.0
+        if not momdp.query.yes_or_no:  # reports of several values have the reward
+            progress = replace(progress, payoffs=None)
         price = learning_prices(progress, len(columns)) * told[:, None] * progress.fresh
         bonus = np.zeros((len(columns), momdp.n_behaviors, 2))
         bonus[0] = price.sum(axis=0)[:, None]  # rows are summed
@@ -424,7 +434,10 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     believed = knowledge.posterior.informative  # (P,E)
     value, now = values_ahead(knowledge, ahead, believed, progress)
     # Knowing one attribute better increases the reward only if all other answers are right.
-    prob_right = np.clip((1 + now.mean() / progress.reward) / 2, 0.0, 1.0)
+    best, worst = progress.reward, wrong_reward(progress.reward)
+    if progress.payoffs is not None:
+        best, worst = max(progress.payoffs), min(progress.payoffs)
+    prob_right = np.clip((now.mean() - worst) / (best - worst), 0.0, 1.0)
     questions = share * progress.horizon.after(pace * AHEAD) * prob_right ** (asked - 1)
     costs = np.array([behavior.cost for behavior in knowledge.domain.behaviors])
     variance_explained = explained(alpha, knowledge.base_rates[:, None])
@@ -480,13 +493,14 @@ def values_ahead(
     problems_rates = np.concatenate([rates, now])
     values = np.empty(len(attribute))
     weights = None if knowledge.rates is None else knowledge.rates.probabilities
+    earned = np.array(progress.payoffs or ()).tobytes()
     for number in range(p):
         # The problems of an attribute do not depend on other attributes, and for most attributes
         # they do not change from one trial to the next, so they are cached.
         rows = np.flatnonzero(attribute == number)
         prior = knowledge.base_rates[[number]] if weights is None else RATES
         each = problems_rates[rows]
-        key = each.tobytes() + uninformed[rows].tobytes() + prior.tobytes()
+        key = each.tobytes() + uninformed[rows].tobytes() + prior.tobytes() + earned
         if key not in progress.values:
             priors = np.tile(prior, (len(rows), 1))
             progress.values[key] = batched_value_iteration(momdp, each, priors, uninformed[rows])
@@ -518,6 +532,13 @@ def experience_bits(alpha: Floats, base_rates: Floats) -> Floats:
 
 def _one_question(domain: Domain, progress: Progress) -> MOMDP:
     """Build the problem of one attribute without a bonus; its rows are placeholders."""
-    objective = Objective(progress.reward, wrong_reward(progress.reward), progress.discount)
+    objective = Objective(
+        progress.reward,
+        wrong_reward(progress.reward),
+        progress.discount,
+        abstain=progress.abstain and progress.payoffs is not None,
+        payoffs=progress.payoffs,
+    )
     rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    domain = replace(domain, payoffs=None)  # those of `progress` apply
     return build_momdp(domain, Query(domain.attributes[:1]), rows, np.inf, objective=objective)

@@ -414,6 +414,8 @@ class Online:
             fresh=np.ones((p, e), bool),
             labeled=np.zeros(p, bool),
             values=self.values,
+            payoffs=self.settings.payoffs or self.knowledge.domain.payoffs,
+            abstain=self.agent.abstain,
         )
         if object_name is None:
             return at_refit

@@ -81,7 +81,10 @@ def batched_value_iteration(
     dynamics = dynamics_of(momdp)
     grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
-    report = momdp.reports.of_right(np.maximum(belief, 1 - belief)[:, None])
+    reports = momdp.reports
+    report = reports.of_right(np.maximum(belief, 1 - belief)[:, None])
+    if reports.event is not None:  # yes and no have rewards of their own
+        report = reports.answers(reports.event.probability(belief[:, None], ((0,),))).max(axis=-1)
     floor = np.maximum(report, dynamics.exit_value)  # (G,)
     states = momdp.terminal
     e = momdp.n_behaviors
