@@ -437,7 +437,8 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     best, worst = progress.reward, wrong_reward(progress.reward)
     if progress.payoffs is not None:
         best, worst = max(progress.payoffs), min(progress.payoffs)
-    prob_right = np.clip((now.mean() - worst) / (best - worst), 0.0, 1.0)
+    middle, half = (best + worst) / 2, (best - worst) / 2
+    prob_right = np.clip((1 + (now.mean() - middle) / half) / 2, 0.0, 1.0)
     questions = share * progress.horizon.after(pace * AHEAD) * prob_right ** (asked - 1)
     costs = np.array([behavior.cost for behavior in knowledge.domain.behaviors])
     variance_explained = explained(alpha, knowledge.base_rates[:, None])
