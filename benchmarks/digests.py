@@ -23,10 +23,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from measuring import ROOT
+
 from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Trial
 from paper_repro.frame import RESULTS, Setting, command
-from paper_repro.made_by import ROOT, made_by, parts, sources
+from paper_repro.made_by import made_by, parts, sources
 
 DATASETS = ("roc36", "ispy32", "cy101")
 _AGENTS = "iterative_random_legal,morc_itrs,bayes,bayes_memory"
