@@ -35,7 +35,7 @@ their reward ends below 25 (by the published code's `ask` the optimum does not:
 matrices that ISPY32's simulator loads were not published. Trials are the units, as percepts are
 drawn. MORC gives up by "I do not know" for 0 s, 1 s less than by an illegal behavior
 ([fig9](fig9.md)). With four and five irrelevant attributes SARSOP has not converged in 5 s: it
-gives everything up, as with three, and earns 0, where tree search earns 71.7 ± 19.2 and 25.2 ± 4.6
+gives everything up, as with three, and earns 0, where tree search earns 71.7 ± 19.2 and 24.2 ± 4.4
 in the same model. Where every trial is given up all rewards are 0: that the reward ends below 25 is
 then judged by the fraction that is given up, as no trial earns more than 500."""
 
