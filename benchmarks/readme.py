@@ -209,7 +209,9 @@ def shown(name: str) -> str:
     entry = BLOCKS[name]
     there = kept()
     text = entry.text(there)
-    codes = (there[measurement]["code"] for measurement in entry.rests_on if measurement in there)
+    measured = (there[name] for name in entry.rests_on if name in there)
+    # The code that ran; results that were carried over hold for later code, too.
+    codes = (made.get("same_as", [made["code"]])[0] for made in measured)
     made = " ".join(dict.fromkeys(codes))
     if entry.page == README:  # where readers begin
         return f"{text} <!-- made by code {made} -->"
