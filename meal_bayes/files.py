@@ -38,7 +38,7 @@ if sys.platform != "win32":
 
 log = logging.getLogger("meal_bayes.files")
 LOGS = "logs"  # folder of the logs of trials and runs, by default
-# Endings of a name that `trial_log` reads as a part of its own.
+# Endings that have a meaning in `trial_log`, so no other file may have them.
 _RESERVED = re.compile(r"\.(feedback|recovered|timing|active|w\d+(-[0-9a-f]{6})?)$")
 _LOG_MAGIC = b"\x89MCAP0\r\n"
 LEARNER = "learner.json"  # member of the file of a learner, which tells it from other archives

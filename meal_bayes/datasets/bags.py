@@ -177,7 +177,7 @@ def read_bags(
 
 
 def _bag_names(paths: Iterable[Path]) -> dict[str, str | None]:
-    """Return which bag each name means, with or without an ending; None where it means several."""
+    """Map the names of bags, with and without ending, to bags; None if a name is ambiguous."""
     names: dict[str, str | None] = {}
     for path in paths:
         names[path.stem] = None if path.stem in names else path.name
@@ -211,7 +211,7 @@ def _listed(
 
 
 def _nanoseconds(text: str) -> int:
-    """Read seconds, in ASCII digits; a `DataError` where a time is none, or beyond all bags."""
+    """Convert seconds to nanoseconds; raise `DataError` if the text is no time, or too large."""
     try:
         seconds = Decimal(text) if text.isascii() and "_" not in text else Decimal("nan")
         # Before it is whole: the digits of 1e999999 would fill the memory.

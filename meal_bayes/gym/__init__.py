@@ -331,7 +331,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
 
 def _limited(name: str, value: object) -> int:
-    """Return a whole number of trials or steps that the memory of a run can hold."""
+    """Check a number of trials or steps; raise `SettingsError` if it is too large."""
     number = check_whole(name, value)
     if number > MOST_TRIALS:
         raise SettingsError(f"{name} is {number!s:.60}; give at most {MOST_TRIALS:,}.")

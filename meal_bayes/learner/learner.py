@@ -787,7 +787,7 @@ class Learner:
                 continue
             if ends:
                 self._robot_state = names[ends[-1]]
-            # Which behavior was in progress where it was broken off, no log says.
+            # A log does not contain the behavior during which a trial was broken off.
             broken_off = trial.ended and trial.report is None
             if broken_off and moves(trial.momdp, trial.last_belief.x).any():
                 self._lose()

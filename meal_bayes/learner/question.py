@@ -179,8 +179,8 @@ def start_again(start: str, left: str | None) -> str:
         raise SettingsError(
             "The last trial was broken off while a behavior may have been in progress, so the "
             f"state of the robot is not known. Bring the robot to {start!r} and give begin(..., "
-            f"state={start!r}), or give the state in which it is; ask() with a robot asks its "
-            "start()."
+            f"state={start!r}), or give its present state. ask() with a robot calls the robot's "
+            "start() instead."
         )
     if left not in (None, start):
         raise SettingsError(

@@ -275,7 +275,7 @@ def _sizes_of(tables: Tables, domain: Domain, objects: int, trials: int) -> _Siz
 
 
 def _check_record(experience: Experience, path: Path) -> None:
-    """Refuse to write a record that no reader takes, such as one that Ctrl-C left half written."""
+    """Raise `OutputError` if a record is incomplete, as after Ctrl-C, and could not be loaded."""
     tables = {name: getattr(experience, name).values for name in _TABLES}
     objects, trials = len(experience.objects), len(experience.trials)
     try:
