@@ -7,7 +7,7 @@ from typing import Any
 
 from meal_bayes.domain import Domain, Payoffs, Query, read_question
 from meal_bayes.domain.event import wrong_reward
-from meal_bayes.domain.words import doubled
+from meal_bayes.domain.words import doubled, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.look import AMOUNT, facts_repr, listed, percent
@@ -94,6 +94,22 @@ def checked_objects(objects: Any) -> dict[str, Robot | None]:
     if fault := doubled("object", list(objects)):
         raise SettingsError(fault)
     return dict(objects) if isinstance(objects, Mapping) else dict.fromkeys(objects)
+
+
+def truth_of(truth: Any, robots: Mapping[str, Any], domain: Domain) -> dict[str, Any]:
+    """Return the known truth of each object, after checking all names before a robot moves."""
+    if truth is None:
+        return {}
+    if not isinstance(truth, Mapping):
+        raise SettingsError(
+            f"truth is {truth!r:.60}; give {{object: {{attribute: True or False}}}}."
+        )
+    for name, values in truth.items():
+        if name not in robots:
+            raise SettingsError(unknown("object", name, [*robots]))
+        if isinstance(values, Mapping):
+            domain.labels(values)
+    return dict(truth)
 
 
 def prior_of_yes(momdp: MOMDP) -> float:

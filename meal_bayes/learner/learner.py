@@ -21,7 +21,7 @@ from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
 from meal_bayes.learner.experience import Experience, Objects, key_of_name, record_steps
-from meal_bayes.learner.find import Found, checked_objects, prior_of_yes, read_claim
+from meal_bayes.learner.find import Found, checked_objects, prior_of_yes, read_claim, truth_of
 from meal_bayes.learner.fit import Fit, problem_of, solve, training_agent
 from meal_bayes.learner.held_out import HeldOut, replay
 from meal_bayes.learner.online import Online
@@ -597,6 +597,7 @@ class Learner:
         if self.table is not None:
             rows = tuple(object_index(self.table.objects, name) for name in robots)
             options = replace(options, beside=rows)
+        known = truth_of(truth, robots, self.domain)
         prior = dict[str, float]()
         for name in robots:
             task, _ = self._read(query, name)
@@ -609,7 +610,7 @@ class Learner:
             if (robot is None) == (self.table is None):
                 raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
             limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
-            of_object = replace(options, truth=(truth or {}).get(name), limit=limit)
+            of_object = replace(options, truth=known.get(name), limit=limit)
             task, streams, header = self._asked(query, name, of_object)
             path = folder and folder / f"{len(trials) + 1:02d}-{file_name(name)}{SUFFIX}"
             session = self._session(task, streams, of_object, path, header)

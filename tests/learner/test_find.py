@@ -4,7 +4,7 @@ import pytest
 
 from meal_bayes import Learner, load_percepts
 from meal_bayes.domain import Query
-from meal_bayes.errors import QueryError, RobotError, SettingsError
+from meal_bayes.errors import DataError, QueryError, RobotError, SettingsError
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import read_trials
 
@@ -123,3 +123,18 @@ def test_what_cannot_be_searched_is_told_at_once(replaying, question, objects, e
 def test_a_file_is_no_folder(replaying, tmp_path):
     with pytest.raises(SettingsError, match=r"a\.mcap"):
         replaying.find("blue", BOXES, log=tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize(
+    ("truth", "error", "message"),
+    [
+        ({"nothing": {"blue": True}}, SettingsError, "Unknown object 'nothing'"),
+        ({BOXES[0]: {"bleu": True}}, QueryError, "blue"),
+        ({BOXES[0]: {"blue": 0.5}}, DataError, "blue"),
+        ({BOXES[1]: {"blue": True}, "": {}}, SettingsError, "Unknown object"),
+        ("blue", SettingsError, "give {object"),
+    ],
+)
+def test_a_misspelled_truth_is_told_before_a_robot_moves(replaying, truth, error, message):
+    with pytest.raises(error, match=message):
+        replaying.find("blue", BOXES, truth=truth)
