@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats, FrozenArrays
+from meal_bayes.arrays import Floats, FrozenArrays, is_whole
 from meal_bayes.errors import SettingsError
 from meal_bayes.look import AMOUNT, best_options, estimate_text, facts_repr
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
@@ -438,5 +438,10 @@ def decide(policy: Policy, history: History, rng: np.random.Generator) -> Decisi
         raise SettingsError(
             f"decide() of the policy {type(policy).__name__} returned {decision!r:.60}; expected a "
             "Decision, as of `unvalued(momdp, action)`."
+        )
+    if not is_whole(decision.action):
+        raise SettingsError(
+            f"decide() of the policy {type(policy).__name__} chose the action "
+            f"{decision.action!r:.60}; expected its index, as of momdp.behavior_names.index(name)."
         )
     return decision

@@ -2,13 +2,14 @@
 
 import inspect
 
+import numpy as np
 import pytest
 
 from meal_bayes import Learner, MealBayesError, ask, load_percepts, read_query
 from meal_bayes.domain import read_event
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.planners import RandomLegal
+from meal_bayes.planners import Decision, RandomLegal
 
 OBJECTS = ("light_blue_beans", "heavy_blue_beans")
 
@@ -97,6 +98,11 @@ class Silent:
         return self.decision
 
 
+def choosing(action):
+    nothing = np.full(2, np.nan)
+    return Decision(action, nothing, nothing, np.zeros(2, int))
+
+
 @pytest.mark.parametrize(
     ("agent", "says"),
     [
@@ -104,6 +110,7 @@ class Silent:
         (Silent(True, None), "expected a Decision"),
         (Silent(True, 0), "expected a Decision"),
         (Silent(True, "look"), "expected a Decision"),
+        *((Silent(True, choosing(action)), "its index") for action in ("look", 1.0, None, True)),
         (lambda domain, query: None, "expected an object with a method solve"),
         (RandomLegal.solve, "function of domain and query"),
         (dict, "function of domain and query|expected an object with a method solve"),
