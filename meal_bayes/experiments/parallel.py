@@ -9,6 +9,7 @@ import logging
 import os
 import platform
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError
 from importlib import metadata
@@ -29,6 +30,7 @@ Result = TypeVar("Result")
 
 _INSTALLED = {"site-packages", "dist-packages"}  # folders of pip's and of the system's
 _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
+_PYTHONS_LINE = warnings.formatwarning
 _PATIENCE = 10  # s for a scheduler to answer
 
 
@@ -73,7 +75,10 @@ def in_parallel(
     form = "generator_unordered" if backend.supports_return_generator else "list"
     pool = _Counting(workers, batch_size=1, pre_dispatch="all", return_as=form)
     pool.on_done = on_done
-    call = delayed(functools.partial(_call, parent=os.getpid(), expected=environment()))
+    # Warnings look alike wherever the work is done.
+    line = None if warnings.formatwarning is _PYTHONS_LINE else warnings.formatwarning
+    here = functools.partial(_call, parent=os.getpid(), expected=environment(), line=line)
+    call = delayed(here)
     try:
         yield from pool(map(call, _pickled(function, pieces)))
     except BrokenExecutor as fault:
@@ -162,8 +167,15 @@ def _is_own(module: ModuleType) -> bool:
     return module.__name__.partition(".")[0] not in {"meal_bayes", *sys.stdlib_module_names}
 
 
-def _call(pickled: bytes, *, parent: int, expected: dict[str, str]) -> Any:
-    """Make a pickled call in a worker, which has the same code."""
+def _call(
+    pickled: bytes,
+    *,
+    parent: int,
+    expected: dict[str, str],
+    line: Callable[..., str] | None,
+) -> Any:
+    """Make a pickled call in a worker, which has the same code and shows warnings by `line`."""
+    warnings.formatwarning = line or warnings.formatwarning
     if os.getppid() == parent:  # a process here, not a worker of a cluster
         _watch_parent(parent)
     _check_code(expected)

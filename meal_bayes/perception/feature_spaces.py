@@ -4,7 +4,6 @@ A `FeatureSpace` standardizes the features of a modality; `joint_kernel` combine
 modalities.
 """
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays, Ints, tiny_is_zero
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.look import short_repr
+from meal_bayes.look import short_repr, warn_user
 from meal_bayes.perception.settings import PerceptionSettings
 
 _FAR = 5.0  # standard deviations at which features are clipped
@@ -301,16 +300,14 @@ def fit_spaces(
         raw = values[objects, gathered.recording[rows]]
         space = fit_space(raw, kernel, objects if whiten else None)
         if len(raw) >= _ENOUGH and not len(space.varying):
-            warnings.warn(
+            warn_user(  # without a number, so that refits do not repeat it
                 f"None of the features of {context} varies (in single precision): the modality "
                 "contains no information. Check its sensor, or subtract a large offset.",
-                stacklevel=2,  # no number in it, so that refits do not repeat it
             )
         elif _coarse(raw):
-            warnings.warn(
+            warn_user(
                 f"Features of {context} vary only by a few steps of single precision, so most of "
                 "their information is lost. Subtract their offset first.",
-                stacklevel=2,
             )
         standardized = space.standardize(values.reshape(-1, values.shape[2]))
         spaces[context] = replace(space, rows=standardized)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -274,6 +275,20 @@ def test_faults_end_the_processes_and_are_told(eventually):
     with pytest.raises(ZeroDivisionError):
         list(in_parallel(fail, range(4), jobs=2))
     eventually(lambda: len(children() - before) <= 2)  # trackers of resources
+
+
+def warn(piece):
+    warnings.warn(f"piece {piece} is odd", stacklevel=1)
+
+
+@pytest.mark.long
+def test_warnings_of_processes_look_like_those_here(monkeypatch, capfd):
+    monkeypatch.setattr(warnings, "formatwarning", lambda message, *_: f"warning: {message}\n")
+    list(in_parallel(warn, range(2), jobs=2))
+    assert sorted(capfd.readouterr().err.splitlines()) == [
+        "warning: piece 0 is odd",
+        "warning: piece 1 is odd",
+    ]
 
 
 def die(piece):
