@@ -1,11 +1,12 @@
 """Learning from nothing: reward of a robot's first trials, on a toy and in physics.
 
-    python benchmarks/learning.py toy|detector|physics FIRST-END [--agent A] [--trials T]
-                                                                 [--horizon H] [--json]
+    python benchmarks/learning.py toy|many|detector|physics FIRST-END [--agent A] [--trials T]
+                                                                      [--horizon H] [--json]
 
 Seeds are FIRST to END - 1. A right answer is worth 100 s, a wrong one -100 s, less the seconds of
 the trial; then all labels are told. In the toy one attribute is asked, and of three behaviors one
 tells (.15 and .85), the others nothing; trial i of a seed has the same object for every agent.
+`many` is the toy with 39 more attributes, about which nobody asks or tells anything.
 `detector` is the toy with percepts that are given as such, so that no classifier is to be learned;
 the agent `bayes_same_objects` is `bayes` with Eq. 8, which is true of the toy. In
 physics one random attribute of each new object is asked, all labels are told (extra `sim`).
@@ -37,6 +38,9 @@ TOY = Domain(
         effects=tuple(Effect("table", name, "table", 1.0) for name in COSTS),
     ),
 )
+
+
+MANY = replace(TOY, attributes=(*TOY.attributes, *(f"other{number}" for number in range(39))))
 
 
 class ToyRobot:
@@ -92,6 +96,7 @@ def physics_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
 ARM = Path(__file__).resolve().parents[1] / "examples" / "simulated_arm" / "simulated_arm.toml"
 PARTS = {
     "toy": (TOY, toy_trials),
+    "many": (MANY, toy_trials),
     "detector": (TOY, detector_trials),
     "physics": (ARM, physics_trials),
 }

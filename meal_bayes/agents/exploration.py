@@ -44,7 +44,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import digamma, entr
+from scipy.special import digamma, entr, gammaln, softmax
 
 from meal_bayes.agents.base_rates import RATES
 from meal_bayes.agents.knowledge import Knowledge
@@ -130,6 +130,9 @@ class Progress(ByValue):
     abstain : bool
         Whether the robot may answer "I do not know", which matters only with payoffs: without
         them, the best report of one attribute is never expected to have a negative reward.
+    asked : NDArray[np.int64] | None
+        (P,) number of questions so far that contained each attribute, with the current one; None
+        if all attributes are asked about equally often.
     """
 
     knowledge: Knowledge
@@ -148,6 +151,7 @@ class Progress(ByValue):
     )
     payoffs: Payoffs | None = None
     abstain: bool = False
+    asked: NDArray[np.int64] | None = None
 
     @property
     def beta(self) -> NDArray[np.float64]:
@@ -169,6 +173,8 @@ _Z = np.linspace(-2.2, 2.2, 9)  # of J, standard deviations from its mean
 _MIDDLE = len(_Z) // 2
 _LEAST = 0.01  # smallest distance of a rate from 0 and 1
 _ROUNDS = 6  # largest number of iterations of the search for a price
+# Concentrations of the Dirichlet prior of what is asked: from always the same to all alike.
+_CONCENTRATIONS: Floats = np.exp2(np.arange(11.0))
 
 _NORMAL = np.exp(-(_Z**2) / 2) / np.exp(-(_Z**2) / 2).sum()
 
@@ -427,7 +433,10 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     that are learned only from percepts of the pair.
     """
     knowledge = progress.knowledge
-    share = asked / len(progress.labeled)  # fraction of the questions that contain an attribute
+    p = len(progress.labeled)
+    of_one = np.full(p, 1 / p) if progress.asked is None else expected_shares(progress.asked)
+    # Fraction of the questions that contain each attribute, (P,1)
+    share = np.minimum(asked * of_one[:, None], 1.0)
     pace = 1 / (share + (1 - share) * progress.told_fraction)  # trials for one labeled object
     alpha = progress.beta  # (P,E,2,2)
     ahead = rates_ahead(alpha)  # (P,E,Z,2)
@@ -445,6 +454,20 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     price = prices(value - now[:, None, None], variance_explained, questions, costs)
     senses = np.isin(np.arange(len(costs)), knowledge.domain.recorded)
     return np.asarray(np.where(senses, price, 0.0))
+
+
+def expected_shares(counts: NDArray[np.int64]) -> Floats:
+    """Return the probability (P,) that the next question is about each attribute.
+
+    What is asked is drawn from a distribution with the prior Dirichlet(c/P, ..., c/P), and `counts`
+    (P,) was asked so far. The concentration c is small if people ask about few attributes, and
+    large if they ask about all alike; it is learned from a uniform prior on log c.
+    """
+    share = _CONCENTRATIONS[:, None] / len(counts)
+    counted = (gammaln(share + counts) - gammaln(share)).sum(axis=1)
+    evidence = gammaln(_CONCENTRATIONS) - gammaln(_CONCENTRATIONS + counts.sum()) + counted
+    expected = (share + counts) / (_CONCENTRATIONS[:, None] + counts.sum())
+    return np.asarray(softmax(evidence) @ expected)
 
 
 def values_ahead(

@@ -91,6 +91,7 @@ class Online:
     unit_at_refit: float  # labeled instances that make one unit of experience
     trials_at_refit: int  # number of training trials
     told_at_refit: float  # see `views.told_fraction`
+    asked_at_refit: NDArray[np.int64]  # see `views.asked_before`
     percepts_at_refit: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
     percepts: NDArray[np.float64]  # the same now
     n_labels_at_refit: NDArray[np.int64]  # (P,) labels of instances, used by the refit or not
@@ -147,6 +148,7 @@ class Online:
             unit_at_refit=unit,
             trials_at_refit=views.trials_before(record, ()),
             told_at_refit=views.told_fraction(record),
+            asked_at_refit=views.asked_before(record, ()),
             percepts=percepts,
             percepts_at_refit=percepts,
             n_labels_at_refit=(labels >= 0).sum(axis=0),
@@ -401,6 +403,7 @@ class Online:
         Without a name, the object is a new one, and the state is that of the last refit.
         """
         e, p = self.trained_cells.shape[1:]
+        this = np.isin(np.arange(p), self.record.domain.columns(task.query.attributes))
         at_refit = Progress(
             knowledge=replace(self.knowledge_at_refit, domain=self.knowledge.domain),
             horizon=Horizon(self.trials_at_refit, self.settings.horizon),
@@ -416,6 +419,7 @@ class Online:
             values=self.values,
             payoffs=self.settings.payoffs or self.knowledge.domain.payoffs,
             abstain=self.agent.abstain,
+            asked=self.asked_at_refit + this,
         )
         if object_name is None:
             return at_refit
@@ -432,6 +436,7 @@ class Online:
             unit=unit,
             instances=instances,
             objects=objects,
+            asked=views.asked_before(record, task.key) + this,
         )
         if object_name not in record.objects:
             return now

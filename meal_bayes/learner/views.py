@@ -8,6 +8,7 @@ were given for the object by its name.
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import islice, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +95,20 @@ def trials_before(record: Experience, trial: Key) -> int:
     """Return the number of training trials that began before a trial."""
     first = record.trials.get(trial, len(record.trials))
     return int(taught(record)[:first].sum())
+
+
+def asked_before(record: Experience, trial: Key) -> NDArray[np.int64]:
+    """Return the number (P,) of training trials before a trial whose question has each attribute.
+
+    The key of a trial ends with the attributes of its question.
+    """
+    columns: dict[str | int, int] = {a: p for p, a in enumerate(record.domain.attributes)}
+    first = record.trials.get(trial, len(record.trials))
+    counts = np.zeros(len(columns), np.int64)
+    for key, teaches in zip(islice(record.trials, first), taught(record)[:first], strict=True):
+        if teaches:
+            counts[[columns[name] for name in takewhile(columns.__contains__, reversed(key))]] += 1
+    return counts
 
 
 def told_fraction(record: Experience) -> float:

@@ -1,0 +1,91 @@
+"""What a robot explores for one attribute does not end because its domain has others."""
+
+import numpy as np
+import pytest
+
+from meal_bayes import Learner, Outcome
+from meal_bayes.agents.exploration import expected_shares
+from meal_bayes.domain import domain_from_table
+
+
+class Senses:
+    """A robot whose camera tells whether an object is `a0`."""
+
+    def __init__(self, truth, rng):
+        self.truth = truth
+        self.rng = rng
+        self.looks = 0
+
+    def start(self):
+        return "s"
+
+    def execute(self, behavior):
+        self.looks += 1
+        return Outcome("s", {"m": np.array([2.5 * self.truth, 0.0]) + self.rng.normal(size=2)})
+
+
+def many(attributes):
+    table = {
+        "name": "many",
+        "attributes": [f"a{number}" for number in range(attributes)],
+        "report_reward": 100.0,
+        "behaviors": [{"name": "look", "cost": 2.0, "modalities": ["m"]}],
+        "diagram": {
+            "states": ["s"],
+            "start": "s",
+            "effects": [{"from": "s", "do": "look", "to": "s"}],
+        },
+    }
+    return Learner(domain_from_table(table), logs=None)
+
+
+def looks(attributes, trials, seed, *, told):
+    """Return in how many of the last five trials a robot looked that is asked about one of them."""
+    learner = many(attributes)
+    rng = np.random.default_rng(seed)
+    numbers = []
+    for _ in range(trials):
+        truth = rng.random(attributes) < 0.4
+        robot = Senses(bool(truth[0]), rng)
+        trial = learner.ask("a0", robot)
+        learner.tell(trial, {f"a{number}": bool(truth[number]) for number in range(told)})
+        numbers.append(robot.looks)
+    return np.count_nonzero(numbers[-5:])
+
+
+@pytest.mark.parametrize(("attributes", "told"), [(1, 1), (20, 1), (20, 20), (60, 1)])
+def test_a_robot_that_is_asked_about_one_attribute_learns_it(attributes, told):
+    assert looks(attributes, 25, seed=0, told=told) >= 3
+
+
+def test_what_was_asked_counts_after_a_restart_and_in_part(tmp_path):
+    """The bonus of a question does not depend on whether the robot was saved before."""
+    learner = many(12)
+    for _ in range(4):
+        learner.tell(learner.ask("a0, a3", Senses(False, np.random.default_rng(0))), {"a0": False})
+    learner.save(tmp_path / "robot.learner")
+    again = Learner.load(tmp_path / "robot.learner", logs=None)
+    paid = {}
+    for question in ("a0", "a3", "a5"):
+        bonuses = []
+        for robot in (learner, again):
+            with robot.begin(question, "cup", state="s", learn=True) as session:
+                bonuses.append(session.trial.momdp.bonus.sum())
+        np.testing.assert_array_equal(*bonuses)
+        paid[question] = bonuses[0]
+    assert paid["a3"] > 1.5 * paid["a5"]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_shares_follow_what_is_asked(seed):
+    """They add up to one, keep the order of the numbers, and approach the relative frequencies."""
+    rng = np.random.default_rng(seed)
+    p = int(rng.integers(2, 61))
+    true = rng.dirichlet(np.full(p, 10 ** rng.uniform(-1, 1)))
+    counts = rng.multinomial(rng.integers(0, 50), true)
+    of_each = expected_shares(counts)
+    assert of_each.sum() == pytest.approx(1)
+    assert (np.diff(of_each[np.argsort(counts)]) >= -1e-12).all()
+    more = rng.multinomial(1_000_000, true)
+    np.testing.assert_allclose(expected_shares(more), more / more.sum(), atol=1e-3)
+    np.testing.assert_allclose(expected_shares(np.zeros(p, int)), 1 / p)
