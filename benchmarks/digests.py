@@ -2,11 +2,14 @@
 
     python benchmarks/digests.py before.json          # then change the code
     python benchmarks/digests.py after.json before.json
-    python benchmarks/digests.py after.json --carry-over CHECKOUT
+    python benchmarks/digests.py after.json before.json --carry-over CHECKOUT [--again NAME ...]
 
-The last command runs a checkout of the code before a change, too. If no log differs, the change
+The last command compares with a checkout of the code before a change. If no log differs, the change
 decides nothing else: what that code measured holds for this code. Results that were made by it then
-get the digest of this code, and keep the earlier ones under `same_as`.
+get the digest of this code, and keep the earlier ones under `same_as`. If logs differ, name all
+results that rest on such runs by `--again`, and make them again; the others are carried over.
+
+A file holds the digest of its code, too: logs of a code that is in a file are not made again.
 
 Three data sets, all agents offline, four online. A digest covers each trial's task, steps,
 percepts, values (eight digits), beliefs (ten digits), costs, rewards and report; no clocks,
@@ -19,6 +22,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -32,6 +36,7 @@ from paper_repro.made_by import made_by, parts, sources
 
 DATASETS = ("roc36", "ispy32", "cy101")
 _AGENTS = "iterative_random_legal,morc_itrs,bayes,bayes_memory"
+KEPT = (ROOT / "benchmarks/readme.json", RESULTS / "provenance.json")
 SMALL = {  # options of a run that takes seconds
     "offline": "--trials 6 --attributes 2 --seed 3",
     "online": (
@@ -72,14 +77,22 @@ def digests(root: Path, dataset: str, kind: str) -> dict[str, str]:
         }
 
 
-def all_digests(root: Path) -> dict[str, str]:
-    """Run every kind on every data set by the code of a checkout."""
-    return {
-        log: digest
-        for dataset in DATASETS
-        for kind in SMALL
-        for log, digest in digests(root, dataset, kind).items()
-    }
+def all_digests(root: Path, file: Path) -> dict[str, str]:
+    """Run every kind on every data set by the code of a checkout; go on with what a file holds."""
+    code = made_by(f"python {Path(__file__).relative_to(ROOT)}", root)
+    kept = json.loads(file.read_text()) if file.is_file() else {}
+    runs = kept["runs"] if kept.get("code") == code else {}
+    for dataset in DATASETS:
+        for kind in SMALL:
+            if f"{dataset} {kind}" not in runs:
+                runs[f"{dataset} {kind}"] = digests(root, dataset, kind)
+                file.write_text(json.dumps({"code": code, "runs": runs}, indent=1))
+    return logs_of(runs)
+
+
+def logs_of(runs: dict[str, dict[str, str]]) -> dict[str, str]:
+    """Return the digests of the logs of all runs."""
+    return {log: digest for logs in runs.values() for log, digest in logs.items()}
 
 
 def carry_over(made: dict[str, Any], words: str, before: Path, now: Path = ROOT) -> bool:
@@ -102,12 +115,14 @@ def beside_package(words: str, root: Path) -> list[bytes]:
     return sorted(part for file in files for part in parts(file))
 
 
-def carry_all_over(before: Path) -> None:
-    """Carry over all results of the code in another checkout."""
-    for path in (ROOT / "benchmarks/readme.json", RESULTS / "provenance.json"):
+def carry_all_over(before: Path, again: Collection[str] = ()) -> None:
+    """Carry over all results of the code in another checkout but those to be made again."""
+    for path in KEPT:
         entries = json.loads(path.read_text(encoding="utf-8"))
         for name, made in entries.items():
-            if carry_over(made, made.get("command") or command(name, Setting()), before):
+            if name in again:
+                print(f"to be made again: {name}")
+            elif carry_over(made, made.get("command") or command(name, Setting()), before):
                 print(f"carried over: {name}")
         path.write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
 
@@ -118,16 +133,19 @@ def main() -> int:
     parser.add_argument("out", type=Path, help="JSON to write")
     parser.add_argument("before", type=Path, nargs="?", help="JSON to compare with")
     parser.add_argument("--carry-over", type=Path, metavar="CHECKOUT", help="of the code before")
+    parser.add_argument("--again", nargs="+", default=[], help="results of runs that differ")
     options = parser.parse_args()
-    now = all_digests(ROOT)
-    options.out.write_text(json.dumps(now, indent=1))
-    before = json.loads(options.before.read_text()) if options.before else now
+    if options.carry_over and not options.before:
+        parser.error("--carry-over needs the file with the digests of the code before")
+    now = before = all_digests(ROOT, options.out)
     if options.carry_over:
-        before = all_digests(options.carry_over.resolve())
+        before = all_digests(options.carry_over.resolve(), options.before)
+    elif options.before:
+        before = logs_of(json.loads(options.before.read_text())["runs"])
     changed = sorted(log for log in {**before, **now} if before.get(log) != now.get(log))
     print(*changed, f"{len(changed)} of {len(now)} logs differ", sep="\n")
-    if options.carry_over and not changed:
-        carry_all_over(options.carry_over.resolve())
+    if options.carry_over and (options.again or not changed):
+        carry_all_over(options.carry_over.resolve(), options.again)
     return bool(changed)
 
 

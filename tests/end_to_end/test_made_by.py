@@ -1,6 +1,7 @@
 """Which blocks of measured numbers are old: those that other code or data made."""
 
 import dataclasses
+import json
 import sys
 from pathlib import Path
 
@@ -105,6 +106,34 @@ def test_results_are_carried_over_if_only_the_package_changed(monkeypatch, tmp_p
     assert digests.carry_over(made, words, roots[0], roots[1])
     assert made == {"code": package, "same_as": [before]}
     assert not digests.carry_over(made, words, roots[0], roots[1])
+
+
+@pytest.mark.parametrize(
+    ("again", "carried"), [([], []), (["a"], ["b"])], ids=["none named", "one to be made again"]
+)
+def test_if_logs_differ_the_results_of_such_runs_are_named(again, carried, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    import digests  # noqa: PLC0415  a script that imports its siblings
+
+    kept = tmp_path / "benchmarks" / "readme.json"
+    kept.parent.mkdir()
+    kept.write_text('{"a": {"command": "run"}, "b": {"command": "run"}}')
+    (tmp_path / "provenance.json").write_text("{}")
+    logs = {str(tmp_path): "of before", str(digests.ROOT): "of now"}
+    monkeypatch.setattr(digests, "digests", lambda root, *of: {"/".join(of): logs[str(root)]})
+    monkeypatch.setattr(digests, "made_by", lambda words, root: str(root))
+    monkeypatch.setattr(digests, "carry_over", lambda made, *_: made.update(carried=True) or True)
+    files = [str(tmp_path / f"{name}.json") for name in ("now", "before")]
+    words = ["digests.py", *files, "--carry-over", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", [*words, *(["--again", *again] if again else [])])
+    monkeypatch.setattr(digests, "KEPT", (kept, tmp_path / "provenance.json"))
+    assert digests.main() == 1
+    assert [name for name, made in json.loads(kept.read_text()).items() if "carried" in made] == (
+        carried
+    )
+    # Logs of a code that is in a file are not made again.
+    monkeypatch.setattr(digests, "digests", None)
+    assert digests.main() == 1
 
 
 @pytest.fixture
