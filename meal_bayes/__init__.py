@@ -1,8 +1,8 @@
 """Bayesian multimodal embodied attribute learning (MEAL) for robots.
 
-A person asks a robot about attributes of an object from which it has not learned ("Is it heavy, and
-does it hold beans?"). The robot chooses behaviors, perceives, updates an exact belief, and answers.
-Every trial is logged.
+A person asks a robot about attributes of an object ("Is it heavy, and does it hold beans?"). The
+robot has not learned from this object. The robot chooses behaviors, perceives, updates an exact
+belief, and answers. Every trial is logged.
 
 >>> import meal_bayes
 >>> trial = meal_bayes.ask(
@@ -14,9 +14,10 @@ Every trial is logged.
 >>> trial.answer, trial.success, round(trial.cost, 1)
 ({'heavy': True, 'beans': True}, True, 19.1)
 
-The names in `__all__`, with those of `meal_bayes.testing` and `meal_bayes.gym`, are the public API.
-Each name is loaded with its package when it is first used, so the import itself loads NumPy at
-most. Other names of the packages (`meal_bayes.planners`, ...) may change in any version.
+The public API consists of the names in `__all__` and those of `meal_bayes.testing` and
+`meal_bayes.gym`. The package of a name is loaded when the name is first used, so
+`import meal_bayes` itself loads at most NumPy. Other names of the packages
+(`meal_bayes.planners`, ...) may change in any version.
 
 All shapes, such as ``cost: (E,) s``, are written with these letters:
 

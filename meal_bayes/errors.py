@@ -1,4 +1,4 @@
-"""The one family of errors a user meets.
+"""Errors of the package; all are derived from `MealBayesError`.
 
 Every message says what was found, what was expected, and how to repair it.
 """
@@ -31,15 +31,15 @@ class QueryError(MealBayesError):
 
 
 class DataError(MealBayesError):
-    """A recording, label or percept file that does not hold what its layout promises."""
+    """Recordings, labels or percepts that do not have the expected form."""
 
 
 class DownloadError(MealBayesError):
-    """A file that cannot be had: no network and no cache, or a checksum that differs."""
+    """A file that cannot be downloaded and is not in the cache, or that has a wrong checksum."""
 
 
 class RobotError(MealBayesError):
-    """Error raised if a robot does not behave as promised, such as by an unknown state.
+    """Error raised if a robot breaks its protocol, for example by returning an unknown state.
 
     Examples
     --------
@@ -50,11 +50,11 @@ class RobotError(MealBayesError):
 
 
 class ConformanceError(MealBayesError):
-    """A solver, robot or classifier that does not keep to what `meal_bayes.testing` checks."""
+    """A solver or a robot that fails a check of `meal_bayes.testing`."""
 
 
 class OutputError(MealBayesError):
-    """A file that cannot be written: its place, the disk, or what it would replace."""
+    """A file that cannot be written because of its folder, the disk, or an existing file."""
 
 
 class LogError(MealBayesError):
@@ -62,7 +62,7 @@ class LogError(MealBayesError):
 
 
 class LogCorruptError(LogError):
-    """A trial log with bytes that are torn or changed."""
+    """A trial log that is cut off, or whose bytes were changed."""
 
 
 class LogVersionError(LogError):
@@ -70,4 +70,4 @@ class LogVersionError(LogError):
 
 
 class ImpossibleObservation(MealBayesError):  # the field's word for it
-    """A percept that has probability zero under every attribute value still believed in."""
+    """A percept that has probability zero under every attribute value that is still possible."""

@@ -50,12 +50,12 @@ class Agent:
         Whether the agent may answer "I do not know".
     discount : float
         Discount factor of a step, used in planning only. With 1, the agent plans for the
-        undiscounted reward, which results report.
+        undiscounted reward, as results report it.
     observation_model : ObservationModel | None
-        Your own observation model. The model is a function of the knowledge and the positions of
-        the N queried attributes that returns `confusion` (N,E,C,K), `precision` (N,E,C) and
-        `latent_classes` (N,2,C); the last may be None if the truth is the latent class (see
-        `build_momdp`). By default the settings above determine the model.
+        Your own observation model: a function of the knowledge and of the positions of the N
+        queried attributes. The function returns the arrays `confusion` (N,E,C,K), `precision`
+        (N,E,C) and `latent_classes` (N,2,C) for `build_momdp`. Return None for `latent_classes` if
+        the truth is the latent class. By default the settings above determine the model.
     exploration : ExplorationBonus
         Exploration bonus that the agent adds to rewards in training trials of online learning.
     memory : bool
@@ -132,15 +132,17 @@ class Agent:
         knowledge : Knowledge
             Knowledge learned without the object in the trial.
         limit : ArrayLike
-            One number, or one for each of the E behaviors: how many recordings of a behavior the
-            robot can perceive in a trial.
+            Maximum number of recordings of a behavior that the robot can perceive in a trial: one
+            number for all behaviors, or (E,) a number for each behavior.
         reward : float | None
-            Reward of a right report; a wrong one gets its negative. The domain's by default.
+            Reward of a right report; a wrong report gets minus this reward. By default it is the
+            domain's reward.
         payoffs : Payoffs | None
-            Payoffs of the answers yes and no if the query has none; the domain's by default.
+            Payoffs of the answers yes and no for a query without payoffs of its own. By default
+            they are the domain's payoffs.
         told : NDArray[np.float64] | None
-            (N,) Pr(attribute is true) according to labels that people gave for this object; NaN if
-            they gave none.
+            (N,) probability that each queried attribute is true, according to labels that people
+            gave for this object; NaN for an attribute without labels.
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)

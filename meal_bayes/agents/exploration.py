@@ -62,8 +62,9 @@ class Horizon:
     """Number of questions that a robot still expects.
 
     By default, a robot expects 20 + t more questions after t questions. This is the mean of a
-    Pareto distribution [Lomax1954]: there are at least m more questions with probability
-    ((20 + t) / (20 + t + m))^2, and after these, 20 + t + m more are expected.
+    Pareto distribution [Lomax1954]: at least m more questions come with probability
+    ((20 + t) / (20 + t + m))^2. After m more questions, the robot expects another 20 + t + m
+    questions.
 
     Attributes
     ----------
@@ -85,7 +86,7 @@ class Horizon:
         return _FIRST + self.asked if self.expected is None else self.expected
 
     def after(self, trials: Floats | float) -> Floats:
-        """Return the number of questions that are expected after more trials, of any shape."""
+        """Return the expected number of questions after `trials` more trials (array or number)."""
         now = self.questions
         if self.expected is None:
             return np.asarray(now**2 / (now + trials))
@@ -103,35 +104,37 @@ class Progress(ByValue):
     horizon : Horizon
         Expected number of questions.
     reward : float
-        Reward r+ of a right report; a wrong one has r- = -r+.
+        Reward r+ of a right report; a wrong report has the reward r- = -r+.
     discount : float
         Discount factor of a step in planning.
     percepts : NDArray[np.float64]
-        (P,E,2,2) number of labeled objects by truth and percept (no, yes). An object counts once
-        for each pair; its repeated percepts are fractions. A percept of a classifier without
-        information counts as half no and half yes.
+        (P,E,2,2) number of labeled objects for each attribute and behavior, by truth and percept
+        (no, yes). Each object has the weight 1, which its repeated percepts share equally. A
+        percept of a classifier without information counts as half no and half yes.
     told_fraction : float
-        Fraction of the other attributes that people label in addition to one, by Laplace's rule.
+        Fraction of the other attributes that people label too when they label one attribute,
+        estimated by Laplace's rule.
     unit : float
-        Number of labeled instances in one unit of experience, delta of Eq. 10.
+        Number of labeled instances in one unit of experience (delta in Eq. 10).
     instances : NDArray[np.int64]
-        (P,E) number of labeled instances: delta x IE of Eq. 10.
+        (P,E) number of instances of each behavior that have a label of each attribute (delta x IE
+        in Eq. 10).
     objects : NDArray[np.int64]
-        (P,E) number of objects with a labeled instance.
+        (P,E) number of objects that have at least one such instance.
     fresh : NDArray[np.bool_]
-        (P,E) whether the object of the current trial has no labeled instance.
+        (P,E) True if the object of the current trial has no such instance yet.
     labeled : NDArray[np.bool_]
-        (P,) attributes of the object of the current trial with a remembered label.
+        (P,) True for an attribute whose label is remembered for the object of the current trial.
     values : dict[bytes, NDArray[np.float64]]
         Cache of the results of `values_ahead`, kept from one trial to the next.
     payoffs : Payoffs | None
-        Payoffs of yes and no in later yes-or-no questions, and in later questions about one
-        attribute; None if a right report has `reward` whatever it says.
+        Payoffs of yes and no in later yes-or-no questions and in later questions about one
+        attribute. None if every right report has the reward `reward`.
     abstain : bool
-        Whether the robot may answer "I do not know", which matters only with payoffs: without
-        them, the best report of one attribute is never expected to have a negative reward.
+        Whether the robot may answer "I do not know". This matters only with payoffs. Without
+        payoffs, the best report of one attribute never has a negative expected reward.
     asked : NDArray[np.int64] | None
-        (P,) number of questions so far that contained each attribute, with the current one; None
+        (P,) number of questions about each attribute so far, including the current question. None
         if all attributes are asked about equally often.
     """
 
@@ -155,7 +158,7 @@ class Progress(ByValue):
 
     @property
     def beta(self) -> NDArray[np.float64]:
-        """Beta parameters (P,E,2,2) of the rates, no and yes by truth.
+        """Beta parameters (P,E,2,2) of the percept rates: of no and of yes, by truth.
 
         The prior is uniform, except for percepts of the robot's own detector.
         """
@@ -313,7 +316,8 @@ class ExplorationBonus(Protocol):
     Attributes
     ----------
     bonus_limit : float
-        Largest number of percepts of a behavior in one trial that have the bonus.
+        Number of percepts of each behavior that earn the bonus in one trial; later percepts earn
+        none.
     """
 
     @property
@@ -324,7 +328,7 @@ class ExplorationBonus(Protocol):
 
 
 def add_bonus(exploration: ExplorationBonus, momdp: MOMDP, progress: Progress) -> MOMDP:
-    """Return the query's MOMDP with the bonus and the limit of percepts that have the bonus."""
+    """Return the query's MOMDP with the exploration bonus and its `bonus_limit`."""
     limit = np.full(momdp.n_behaviors, float(exploration.bonus_limit))
     return replace(exploration.shape(momdp, progress), bonus_limit=limit)
 
@@ -366,10 +370,11 @@ class ITRSBonus:
 class LearningBonus:
     """Eq. 11 with weights from the posterior: the value of one more labeled object.
 
-    The bonus is given for the first percept of an object by each behavior. It is the sum of the
-    prices of the queried attributes, of the attributes whose label is remembered, and of the other
-    attributes multiplied by the fraction of them that people label. `as_equation_11` returns the
-    terms of Eq. 11.
+    The robot earns the bonus for the first percept of an object by each behavior. The bonus is a
+    sum of prices over the attributes; a price is the value in seconds of one more labeled object.
+    Queried attributes and attributes with a remembered label have their full price. The price of
+    any other attribute is multiplied by the fraction of the other attributes that people label.
+    `as_equation_11` returns the terms of Eq. 11.
     """
 
     bonus_limit: float = 1.0

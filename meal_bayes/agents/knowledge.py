@@ -31,16 +31,16 @@ class Knowledge(FrozenArrays):
     posterior : ConfusionPosterior
         Posterior of the confusion matrices.
     base_rates : NDArray[np.float64]
-        (P,) prior probability that an attribute of a new object is true; over the values of a
-        group, the probabilities sum to 1.
+        (P,) prior probability that each attribute of a new object is true. The probabilities of a
+        group's values sum to 1.
     labels : NDArray[np.int8]
-        (O,P) labels of the labeled objects, -1 unknown. They show which attributes exclude or imply
-        each other.
+        (O,P) label of each labeled object and attribute: 1 true, 0 false, -1 unknown. The labels
+        show which attributes exclude or imply each other.
     trait : SharedTrait | None
         Latent trait on which all percepts of an object depend; None if percepts are independent
         given the truth.
     rates : BaseRates | None
-        Posterior of the base rates, whose means are `base_rates`; None if the rates are known.
+        Posterior of the base rates; its means are `base_rates`. None if the rates are known.
     """
 
     domain: Domain
@@ -57,7 +57,7 @@ class Knowledge(FrozenArrays):
 
         Columns are `base_rate`; `behavior`, the behavior with the largest Youden's J, or None if no
         behavior is informative; `youden`, the true positive rate of its percepts minus the false
-        positive rate; and `right`, the probability that a percept is right at the base rate.
+        positive rate; and `right`, the probability that a percept is right, given the base rate.
         """
         import pandas as pd  # noqa: PLC0415  takes half a second
 
@@ -70,7 +70,7 @@ class Knowledge(FrozenArrays):
         return pd.DataFrame(rows, index=index, columns=list(names))
 
     def most_telling(self, attribute: int) -> tuple[str, float, float] | None:
-        """Return the behavior with the largest Youden's J for an attribute, J, and Pr(right).
+        """Return the behavior with the largest Youden's J for an attribute, this J, and Pr(right).
 
         The result is None if no behavior is informative.
         """
@@ -88,7 +88,7 @@ class Knowledge(FrozenArrays):
     def with_labels(self, labels: NDArray[np.int8], *, pool: bool = True) -> "Knowledge":
         """Return the same knowledge with priors that are learned from labels (O,P).
 
-        If `pool` is False, the weights of the pooling of base rates do not change.
+        If `pool` is False, the weights with which base rates are pooled do not change.
         """
         weights = None if pool or self.rates is None else self.rates.weights
         accuracy = 1.0 if self.rates is None else self.rates.label_accuracy
@@ -104,7 +104,7 @@ def knowledge_without(
     object_level: bool = True,
     unlabeled: Sequence[int] = (),
 ) -> Knowledge:
-    """Learn from all objects but one, whose recordings and labels are not used.
+    """Learn from all objects except one; its recordings and labels are not used.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ AGENTS = {
 
 
 def load_agent(name: str) -> Agent:
-    """Return an agent by its name; an unknown name raises `SettingsError` with similar names.
+    """Return an agent by its name; the error for an unknown name lists similar names.
 
     Examples
     --------
@@ -114,10 +114,11 @@ def as_agent(value: object) -> Agent:
     Parameters
     ----------
     value : object
-        The name of an agent; an `Agent`; or a planner: an object with a method `solve(momdp, rng)`,
-        its class, or a function of domain and query that returns a planner. A planner gets the
-        observation model, prior and levels of `bayes`. The agent's name is the planner's attribute
-        `name` if this is text, and otherwise the name of the planner's class.
+        The name of an agent, an `Agent`, or a planner. A planner is an object with a method
+        `solve(momdp, rng)`. You can also pass the planner's class, or a function of domain and
+        query that returns a planner. The agent plans with this planner, and has the observation
+        model, prior and levels of the agent `bayes`. Its name is the planner's attribute `name` if
+        this is text, and otherwise the name of the planner's class.
 
     Raises
     ------

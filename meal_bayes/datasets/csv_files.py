@@ -81,7 +81,7 @@ def save_csv_folder(dataset: Dataset, folder: str | Path, *, overwrite: bool = F
     folder : str or Path
         Folder to write. Missing folders are made.
     overwrite : bool
-        Whether files of recordings that are in the folder are replaced.
+        Whether to replace files of recordings that are already in the folder.
 
     Raises
     ------

@@ -42,9 +42,10 @@ class Instance(ByValue):
     features : Mapping[str, NDArray[np.float32]] | None
         Feature vector (D,) of each modality.
     percepts : Mapping[str, float] | None
-        Percepts that a detector gave as words, by attribute, from -1 (surely no) to 1 (surely yes).
+        Percept of each attribute that a detector returned in words, as a number from -1 (surely no)
+        to 1 (surely yes).
     scores : Mapping[str, float] | None
-        Scores that a detector gave on its own scale, by attribute.
+        Score of each attribute that a detector returned, on the detector's own scale.
     """
 
     object_index: int
@@ -77,15 +78,15 @@ class Dataset(ByValue):
     recording_counts : NDArray[np.int64]
         (O,E) number of recordings of each object and behavior, computed from the features.
     answers : NDArray[np.int8] | None
-        (O,P) answers of another person, coded as `labels`. Replays use them when the robot asks a
-        person. None if there are no such answers.
+        (O,P) another person's answer about each object and attribute, coded as `labels`. Replays
+        use these answers when the robot asks a person. None if there are no such answers.
 
     Raises
     ------
     DataError
         Shapes do not agree, a behavior and modality have no features, features are not finite,
         modalities of a behavior differ in their numbers of recordings, labels are not 1, 0 or -1,
-        an object is listed twice, or an object has two values of a group.
+        an object is listed twice, or two values of a group are true for an object.
 
     Examples
     --------
@@ -210,8 +211,8 @@ class Dataset(ByValue):
             Labels in one of three forms: a data frame with a row for each object (its name in a
             column ``object`` or in the index) and a column for each attribute or group; a
             dictionary from each object to its {attribute: value} or {group: value}; or an array
-            (O,P). An attribute is labeled 1 or True, 0 or False, and a group by the name of its
-            value. An empty entry, -1, None or NaN means unknown.
+            (O,P). The label of an attribute is 1 or True, or 0 or False. The label of a group is
+            the name of its value. An empty entry, -1, None or NaN means unknown.
         objects : Sequence[str] | None
             (O,) names of the objects. Names are required for arrays; by default they come from the
             labels.
@@ -219,8 +220,8 @@ class Dataset(ByValue):
         Raises
         ------
         DataError
-            Features or labels are missing, have the wrong size, or are not numbers; or a column
-            seems to be an index or a date by its name.
+            Features or labels are missing, have the wrong size, or are not numbers; or the name of
+            a column suggests an index or a date.
         """
         domain = load_domain(domain)
         return cls(domain, *dataset_parts(domain, features, labels, objects), rows_checked=True)
@@ -246,7 +247,7 @@ class Dataset(ByValue):
         return max((values.shape[1] for values in self.features.values()), default=0)
 
     def digest(self) -> str:
-        """Compute a digest of the recordings, the labels and all that percepts depend on."""
+        """Compute a digest of the recordings, the labels and all else on which percepts depend."""
         features = digest_of_arrays(self.features)
         labels = digest_of_arrays({"labels": self.labels})
         return digest_of(domain_table(self.domain), self.objects, features, labels)
@@ -301,9 +302,9 @@ class TrainingSet(ByValue):
     Attributes
     ----------
     object, behavior, recording : NDArray[np.int32]
-        (n,) positions, counted from 0.
+        (n,) object, behavior and recording of each instance, as positions counted from 0.
     labels : NDArray[np.int8]
-        (n,P) labels: 1 true, 0 false, -1 unknown.
+        (n,P) label of each instance and attribute: 1 true, 0 false, -1 unknown.
 
     Raises
     ------
@@ -339,7 +340,7 @@ class TrainingSet(ByValue):
 
     @classmethod
     def everything(cls, dataset: Dataset, objects: Iterable[int] | None = None) -> "TrainingSet":
-        """Return all recordings of some objects (of all by default), with all known labels."""
+        """Return all recordings of some objects (by default all objects), with all known labels."""
         chosen = range(len(dataset.objects)) if objects is None else [*objects]
         check_positions(chosen, len(dataset.objects), "objects")
         sensing = dataset.domain.recorded
@@ -392,7 +393,7 @@ def check_objects(objects: tuple[str, ...]) -> None:
 
 
 def object_index(objects: tuple[str, ...], name: object) -> int:
-    """Return the position of an object; raise a `SettingsError` if there is none of this name."""
+    """Return the position of an object; raise a `SettingsError` if no object has this name."""
     if not isinstance(name, str) or name not in objects:
         raise SettingsError(unknown("object", name, objects))
     return objects.index(name)

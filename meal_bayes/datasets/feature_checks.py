@@ -185,7 +185,7 @@ def checked_features(
     axes : tuple[str, ...]
         Names of the expected axes.
     absent : bool
-        Whether all features of a recording may be NaN, because the recording is absent.
+        Whether a recording may consist of NaN only, which means that it is absent.
 
     Returns
     -------

@@ -111,13 +111,13 @@ _LARGEST = 2 << 24  # bytes that a member may unpack to
 
 @dataclass(frozen=True, slots=True)
 class PerceptTable(ByValue):
-    """Percepts of each held-out object, with the training counts for its confusion matrices.
+    """Percepts of each held-out object, with percept counts of the other objects.
 
-    A percept is the output of a classifier for one attribute, here the log-odds that it is true,
-    under a prior of 1/2. Positive log-odds favor "true". `edges` divide the log-odds into L bins,
-    and the middle edge separates no from yes. `lowest_bins` says how bins are joined to the K
-    levels that agents use. If a behavior or an attribute has no percepts, log-odds are NaN and
-    counts are zero.
+    A percept is the output of a classifier for one attribute. The table stores it as the log-odds
+    that the attribute is true, under a prior of 1/2. Positive log-odds favor "true". `edges` divide
+    the log-odds into L bins, and the middle edge separates no from yes. The function `lowest_bins`
+    determines how bins are merged to the K levels that agents use. If a behavior or an attribute
+    has no percepts, log-odds are NaN and counts are zero.
 
     Attributes
     ----------
@@ -126,24 +126,24 @@ class PerceptTable(ByValue):
     objects : tuple[str, ...]
         (O,) names of the objects.
     labels : NDArray[np.int8]
-        (O,P) int8, 1 true, 0 false, -1 unknown.
+        (O,P) label of each object and attribute: 1 true, 0 false, -1 unknown.
     log_odds : NDArray[np.float16]
-        (O,R,E,P) log-odds of the recordings of each object, by classifiers that were trained
-        without this object.
+        (O,R,E,P) log-odds of each attribute for each recording of an object, by classifiers that
+        were trained without this object.
     edges : NDArray[np.float64]
         (L-1,) edges of the bins; the middle edge is the threshold between no and yes.
     training_bins : NDArray[np.uint8]
-        (G,O,P,E,L) number of percepts in each bin. Entry [g, o] counts percepts of object o by
-        classifiers that were trained without o and without the objects of group g. The entry is
-        zero if o belongs to g.
+        (G,O,P,E,L) number of percepts in each bin. Entries [g, o] count percepts of object o by
+        classifiers that were trained without o and without the objects of group g. These entries
+        are zero if o belongs to group g.
     provenance : Mapping[str, str]
         Versions, settings, checksums and the command that made the table.
     recording_counts : NDArray[np.int64]
         (O,E) number of recordings of each object and behavior. By default it is R for all behaviors
         with modalities.
     groups : NDArray[np.int64]
-        (O,) group g of objects that are held out together with each object. By default each object
-        is a group of its own; if there are many objects, groups are folds.
+        (O,) number of each object's group. Objects of one group are held out together. By default
+        each object is a group of its own; if there are many objects, groups are folds.
 
     Raises
     ------
@@ -218,7 +218,7 @@ class PerceptTable(ByValue):
 
     @property
     def recordings(self) -> int:
-        """R, the largest number of recordings of an object and behavior."""
+        """Largest number R of recordings that any object has of any behavior."""
         return int(self.log_odds.shape[1]) if self.log_odds.ndim > 1 else 0
 
     def digest(self) -> str:
@@ -233,7 +233,7 @@ class PerceptTable(ByValue):
         return levels_of(log_odds, self.edges, levels)
 
     def training_levels(self, held_out: int, levels: int) -> NDArray[np.int64]:
-        """Return the counts (O,P,E,K) of percept levels for one held-out object."""
+        """Return the counts (O,P,E,K) of percept levels that are used for one held-out object."""
         bins = self.training_bins[self.groups[held_out]]
         return freeze(merge_bins(bins, levels), np.int64)
 
@@ -307,8 +307,8 @@ def load_percepts(
         Name of a shipped domain, or a path that ends in .npz. Variants of a domain share the table
         of their data set.
     domain : str, path, mapping or Domain, optional
-        Domain, as for `Learner`. The table gets its behaviors and attributes, in their order. By
-        default it is the domain of this name, or the one in the file.
+        Domain, as for `Learner`. The table gets the behaviors and attributes of this domain, in the
+        domain's order. By default it is the shipped domain of this name, or the domain in the file.
 
     Raises
     ------

@@ -21,7 +21,8 @@ ANY_STATE = "*"
 class Effect:
     """One transition of a diagram.
 
-    With the remaining probability, the behavior fails: the state stays, and there is no percept.
+    If the probabilities of a behavior's transitions from a state sum to less than 1, the behavior
+    fails with the remaining probability: the state does not change, and there is no percept.
 
     Attributes
     ----------
@@ -87,7 +88,7 @@ class TransitionDiagram:
         Effect of an illegal behavior in the model: "terminate" or "stay". Agents never execute
         illegal behaviors. With "stay", as in the published ROC36, no agent abstains.
     labels : tuple[str, ...]
-        (X-1,) texts that people read in place of the names of the states, without `term`; or empty.
+        (X-1,) text that people read in place of the name of each state except `term`; or empty.
 
     Raises
     ------
@@ -151,7 +152,7 @@ class TransitionDiagram:
         return [(s, s if effect.target == ANY_STATE else effect.target) for s in sources]
 
     def successes(self, state: str) -> dict[str, str]:
-        """Return the legal behaviors of a state, and the most probable next state of each."""
+        """Return the legal behaviors of a state, and the most probable next state after each."""
         likeliest: dict[str, tuple[float, str]] = {}
         for effect in self.effects:
             target = dict(self._expand(effect)).get(state)
@@ -160,7 +161,7 @@ class TransitionDiagram:
         return {name: target for name, (_, target) in likeliest.items()}
 
     def cheapest_first(self, cost: Mapping[str, float], wanted: Set[str]) -> tuple[str, ...]:
-        """Build a sequence of behaviors through the diagram that contains each wanted one.
+        """Build a sequence of legal behaviors that contains every wanted behavior.
 
         The cheapest behavior comes first, unless other wanted behaviors could not be reached after
         it. A behavior is repeated only if it leads to another wanted one.
@@ -191,7 +192,7 @@ class TransitionDiagram:
         return self.illegal == "terminate"
 
     def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
-        """Return the arrays of the diagram for the named behaviors, in their order."""
+        """Return the diagram as arrays for the named behaviors, in the given order."""
         return _compile(self, tuple(behaviors))
 
 

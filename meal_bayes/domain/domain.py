@@ -27,7 +27,7 @@ LEGAL_BUDGET = 50.0, 80.0, 80.0  # s of Random Legal, by the number of attribute
 
 @dataclass(frozen=True, slots=True)
 class Behavior:
-    """A behavior; without modalities (such as reinit), it only changes the state.
+    """A behavior of the robot, which senses, asks a person, or only changes the state (`reinit`).
 
     Attributes
     ----------
@@ -88,8 +88,8 @@ class Domain:
     report_reward : float
         Reward r+ of a right report in Eq. 4; a wrong report gets -r+.
     legal_budget : tuple[float, ...]
-        Cost in seconds that the agent `random_legal` may spend, by the number of queried
-        attributes.
+        Cost in seconds that the agent `random_legal` may spend on a question about one attribute,
+        two attributes, and so on. The last entry also applies to longer questions.
     payoffs : Payoffs | None
         Payoffs of the answers yes and no; r+ and r- by default.
     asked_minimum : int
@@ -206,7 +206,7 @@ class Domain:
 
     @property
     def words(self) -> dict[str, str]:
-        """The attribute for each name and synonym; `fold` normalizes the words."""
+        """The attribute for each name and synonym; the keys are normalized by `fold`."""
         words = (*zip(self.attributes, self.attributes, strict=True), *self.synonyms.items())
         return {fold(word): name for word, name in words}
 
@@ -215,7 +215,7 @@ class Domain:
         return next((names for names in self.groups.values() if attribute in names), ())
 
     def can_be(self, values: Mapping[str, bool]) -> bool:
-        """Return whether an object can have these attributes: exactly one value of each group."""
+        """Return whether the values are possible: an object has exactly one value of each group."""
         try:
             self.labels(values)
         except QueryError:
@@ -229,7 +229,8 @@ class Domain:
         ----------
         values : Mapping[str, Any]
             For each attribute True or 1, False or 0, or None; for each group the name of its value.
-            Names that are left out are unknown. For example ``{"metal": False, "fill": "half"}``.
+            Attributes that are left out are unknown. For example
+            ``{"metal": False, "fill": "half"}``.
 
         Raises
         ------
@@ -329,7 +330,7 @@ class Domain:
 
     @property
     def default_sequence(self) -> tuple[str, ...]:
-        """The predefined sequence, or else `TransitionDiagram.cheapest_first`.
+        """The predefined sequence; if there is none, that of `TransitionDiagram.cheapest_first`.
 
         >>> from meal_bayes.domain import load_domain
         >>> load_domain("toy").default_sequence
@@ -340,14 +341,14 @@ class Domain:
         return self.predefined or self.diagram.cheapest_first(cost, wanted)
 
     def behavior_index(self, name: str) -> int:
-        """Return the position of a behavior; raise `DomainError` if there is none."""
+        """Return the position of a behavior; raise `DomainError` if it is not in the domain."""
         names = self.behavior_names
         if name not in names:
             raise DomainError(unknown("behavior", name, names))
         return names.index(name)
 
     def attribute_index(self, name: str) -> int:
-        """Return the position of an attribute; raise `QueryError` if there is none."""
+        """Return the position of an attribute; raise `QueryError` if it is not in the domain."""
         return self._position(name)
 
     def _position(self, attribute: str) -> int:
@@ -356,7 +357,7 @@ class Domain:
         return self.attributes.index(attribute)
 
     def columns(self, names: Iterable[str]) -> list[int]:
-        """Return the positions of attributes; raise `QueryError` if there is none."""
+        """Return the positions of attributes; raise `QueryError` if one is not in the domain."""
         return [self._position(name) for name in names]
 
 
@@ -397,15 +398,15 @@ def one_value(labels: NDArray[np.int8], group: str, members: Sequence[str]) -> N
 
 
 def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
-    """Return the domain with the posterior mean of every behavior's success probability.
+    """Return the domain in which behaviors succeed with their posterior mean probability.
 
-    The prior has the weight of two executions with the domain's probability. If a behavior has
+    The prior counts as two executions that succeed with the domain's probability. If a behavior has
     several outcomes, the ratios of their probabilities do not change.
 
     Parameters
     ----------
     attempts : NDArray[np.float64]
-        (E,2) weighted numbers of legal executions that failed and that succeeded.
+        (E,2) weighted number of legal executions of each behavior that failed, and that succeeded.
     """
     attempts = shaped_array("attempts", attempts, len(domain.behaviors), 2)
     diagram = domain.diagram
@@ -421,14 +422,15 @@ def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
 
 
 def learn_answers(domain: Domain, answers: NDArray[np.float64]) -> Domain:
-    """Return the domain with the posterior mean of how often each behavior's answers are right.
+    """Return the domain in which each `answer_accuracy` is its posterior mean.
 
-    The prior has the weight of two answers with the domain's `answer_accuracy`.
+    The prior counts as two answers with the domain's `answer_accuracy`.
 
     Parameters
     ----------
     answers : NDArray[np.float64]
-        (E,2) numbers of wrong and of right answers, according to the labels of their objects.
+        (E,2) number of wrong and of right answers that each behavior got, according to the labels
+        of the objects.
 
     Examples
     --------

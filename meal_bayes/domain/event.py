@@ -38,7 +38,7 @@ class Payoffs(NamedTuple):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Payoffs":
-        """Return four numbers as payoffs.
+        """Make payoffs from four numbers.
 
         Raises
         ------
@@ -79,8 +79,9 @@ class Event:
     Attributes
     ----------
     allowed : tuple[bool, ...]
-        (N,) for a single attribute, the value that the conjunction requires; for an attribute of a
-        group, whether it may be the true one.
+        (N,) what the conjunction requires of each queried attribute. For a single attribute, the
+        entry is the required value. For an attribute of a group, the entry is True if this
+        attribute may be the true value of the group.
     complement : bool
         Whether the event is that the conjunction does not hold.
     """
@@ -92,7 +93,7 @@ class Event:
         plain_fields(self)
 
     def check(self, attributes: Sequence[str], variables: Variables) -> None:
-        """Raise an error if the event has other attributes, or always or never holds."""
+        """Raise an error if the event has other attributes, or if it always or never holds."""
         if len(self.allowed) != len(attributes):
             raise QueryError(
                 f"The event has {len(self.allowed)} values for {len(attributes)} attributes."
@@ -138,7 +139,7 @@ class Event:
         return 1 - conjunction if self.complement and conjunction >= 0 else conjunction
 
     def labels(self, answer: bool, variables: Variables) -> NDArray[np.int8]:
-        """Return the labels (N,) that a right answer implies; -1 if it implies none.
+        """Return the label of each attribute that a right answer implies, (N,); -1 for no label.
 
         If a conjunction of several literals is false, no label follows, because any of them may be
         false.

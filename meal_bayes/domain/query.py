@@ -52,23 +52,23 @@ def _bits(
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A question: the queried attributes, the groups of which they are values, and the payoffs.
+    """A question: the queried attributes, the groups to which they belong, and the payoffs.
 
     Attributes
     ----------
     attributes : tuple[str, ...]
-        (N,) names.
+        (N,) names of the queried attributes.
     groups : tuple[tuple[int, ...], ...]
-        Indices of the attributes that are values of one group, for each group. Exactly one value of
-        a group is true. Every other attribute is true or false on its own.
+        For each group, the indices of the attributes that are its values. Exactly one value of a
+        group is true. Every other attribute is true or false on its own.
     group_names : tuple[str, ...]
         Name of each group; by default a list of its values, such as "empty, half or full".
     event : Event | None
         Event whose truth a yes-or-no question asks for; None if the question asks for the values of
         attributes.
     payoffs : Payoffs | None
-        Payoffs of a question about yes or no or about one attribute; None if it has no payoffs of
-        its own.
+        Payoffs of a yes-or-no question or of a question about one attribute; None if the question
+        has no payoffs of its own.
 
     Examples
     --------
@@ -123,7 +123,7 @@ class Query:
 
     @property
     def variables(self) -> tuple[tuple[int, ...], ...]:
-        """Indices of the attributes of each variable, which is a group or a single attribute."""
+        """Indices of the attributes of each variable: of each group or single attribute."""
         return _variables(len(self), self.groups)
 
     @property
@@ -181,7 +181,7 @@ class Query:
     def by_question(self, values: Sequence[Any] | NDArray[Any]) -> dict[str, Any]:
         """Return the N values of the attributes as a dictionary, in which a group is one entry.
 
-        The entry of a group is the value that is true, or None if it is not known.
+        The entry of a group is its true value, or None if the true value is unknown.
         """
         answers: dict[str, Any] = {}
         for question, indices in self.questions:
@@ -220,7 +220,7 @@ class Query:
         return self.n_values if self.event is None else 2
 
     def report_of(self, index: int) -> NDArray[np.bool_]:
-        """Return the report for N truth values: the values, or whether the answer is yes, (1,)."""
+        """Return the report with an index: N truth values, or whether the answer is yes, (1,)."""
         if self.event is None:
             return self.values_of(index)
         return freeze([index == 1], np.bool_)
@@ -241,7 +241,7 @@ class Query:
         return freeze([self.event.holds(truth, self.variables)], np.int8)
 
     def index_of(self, values: Sequence[bool] | NDArray[np.bool_]) -> int:
-        """Return the row number of a combination in `values`, for any N."""
+        """Return the number of a combination's row in `values`, even if `values` is too large."""
         # y in mixed radix: a digit for each variable, the first most significant
         row = 0
         for indices, size in zip(self.variables, self._sizes, strict=True):
@@ -253,7 +253,7 @@ class Query:
         return row
 
     def values_of(self, index: int) -> NDArray[np.bool_]:
-        """Return row y of `values`, (N,), for any N."""
+        """Return row y of `values`, (N,), even if `values` is too large."""
         digits = []
         for size in reversed(self._sizes):
             index, digit = divmod(index, size)

@@ -168,11 +168,12 @@ def read_query(
 
     Upper and lower case and the Unicode form of accents do not matter. The domain's synonyms are
     understood: in ROC36, "red" means "brown". Attributes are queried in the order in which the text
-    names them. In a domain with an attribute "object" or "thing", the word means the attribute in a
-    list, and the object itself in a sentence with other attributes.
+    names them. A domain may have an attribute "object" or "thing". In a list, the word then means
+    this attribute; in a sentence with other attributes, it means the object itself.
 
-    The name of a group ("What color is it?"), or two of its values, ask which value the object has.
-    A single value ("Is the color red?", "Is it half full?") asks whether this value is true.
+    A question that names a group ("What color is it?"), or two values of a group, asks which value
+    the object has. A question that names one value ("Is the color red?", "Is it half full?") asks
+    whether the object has this value.
 
     Raises
     ------
@@ -353,7 +354,7 @@ def read_event(
     """Read a yes-or-no question: attributes joined by *and* or by *or*, optionally with *not*.
 
     "not" (also "no", "without", "neither", "nor") negates only the next attribute. The items of a
-    list are joined by *and*. A question about one attribute is the same for both kinds of answer.
+    list are joined by *and*. For a question about one attribute, both kinds of answer are the same.
 
     Parameters
     ----------
@@ -362,8 +363,8 @@ def read_event(
     domain : str, path, mapping or Domain
         Domain, as for `Learner`, whose attributes, groups and synonyms the question may contain.
     payoffs : Sequence[float] | None
-        Rewards of a right yes, a wrong yes, a right no and a wrong no; those of the learner or the
-        domain by default.
+        Rewards of a right yes, a wrong yes, a right no and a wrong no, s. By default they are those
+        of the learner or the domain.
 
     Raises
     ------

@@ -88,8 +88,8 @@ def domain_names() -> tuple[str, ...]:
 def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
     """Load a shipped domain by its name, or your own from a TOML file or a dictionary.
 
-    Every function with a parameter `domain` accepts the same values. A table may extend another
-    one, as in ``extends = "roc36"``; its keys then replace those of the other table.
+    Every function with a parameter `domain` accepts the same values as `name`. A table may extend
+    another one, as in ``extends = "roc36"``; its keys then replace those of the other table.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
 
 
 def domain_from_table(table: object) -> Domain:
-    """Build a domain from the content of a TOML file without `extends`, or from equal JSON.
+    """Build a domain from the content of a TOML file without `extends`, or from the same in JSON.
 
     Raises
     ------
@@ -229,7 +229,7 @@ def with_attribute(domain: Domain, name: str, values: Sequence[str] = ()) -> Dom
     Raises
     ------
     DomainError
-        The domain has the name already, or it is not a valid name.
+        The domain already has the name, or the name is not valid.
 
     Examples
     --------

@@ -69,7 +69,7 @@ def doubled(kind: str, names: Iterable[str]) -> str:
 
 
 def unknown(kind: str, name: object, candidates: Iterable[str]) -> str:
-    """Build the message that a name is not known, with the known names nearest to it."""
+    """Build the message that a name is unknown, with the most similar known names."""
     names = list(candidates)
     name = name if isinstance(name, str) else repr(name)
     if len(name) > _LONGEST:
