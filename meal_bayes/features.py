@@ -33,7 +33,7 @@ _IMAGES = {  # channels by encoding
 
 
 class Signal(NamedTuple):
-    """Samples (T, ...) of one modality, the times (s) of its messages, and its fault if any."""
+    """Samples (T, ...) of one modality, the times (s) of its messages, and a fault, if any."""
 
     values: NDArray[Any]
     times: NDArray[np.float64] = np.empty(0)
@@ -219,14 +219,14 @@ def extract(
 def check_sources(
     domain: Domain, behaviors: Iterable[str], functions: Mapping[str, Function] | None = None
 ) -> dict[str, tuple[Function, dict[str, Any]]]:
-    """Return the feature function of each modality of some behaviors, and its settings.
+    """Return the feature function, with its settings, for each modality of some behaviors.
 
     Raises
     ------
     DomainError
         A modality has no source, or its feature function does not have one of the settings.
     SettingsError
-        A feature is neither one of the package nor in `functions`.
+        A feature function is neither in the package nor in `functions`.
     """
     known = {**(functions or {}), **FUNCTIONS}
     if taken := sorted(name for name in functions or {} if name in FUNCTIONS):

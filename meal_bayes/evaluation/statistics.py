@@ -38,7 +38,7 @@ class Interval(NamedTuple):
         return f"{self.estimate:{form}}{ends}"
 
     def __neg__(self) -> "Interval":
-        """Return the interval of what is subtracted the other way round."""
+        """Return the interval of the opposite difference, second - first."""
         return Interval(-self.estimate, self.se, -self.high, -self.low)
 
 
@@ -60,6 +60,7 @@ class Estimate:
     Attributes
     ----------
     estimate : float
+        The estimated value.
     se : float
         Standard error of the estimate; NaN if the data do not determine it.
     clusters : int
@@ -67,12 +68,12 @@ class Estimate:
     fixed : float
         Part of the variance that further clusters do not reduce.
     fraction : bool
-        Whether the estimate is a probability. Its interval is then Wilson's, for the number of
-        independent cases that would have the same standard error (for the number of clusters, if
-        all cases are equal).
+        Whether the estimate is a probability. The interval is then Wilson's, with the number of
+        independent cases that would have the same standard error. If all values are equal, this
+        number is replaced by the number of clusters.
     sides : tuple[Estimate, Estimate] | None
-        Gains and losses, for a difference of fractions. The interval combines their intervals
-        [Zou2008], so it has a width above 0 even if there are no gains and losses.
+        Estimates of gains and of losses, for a difference of fractions. The interval combines their
+        intervals [Zou2008], so it has a width above 0 even if there are no gains and losses.
     cluster : str
         Kind of the clusters, in the plural: "objects", "splits" or "trials".
     method : str
@@ -89,7 +90,7 @@ class Estimate:
     sides: "tuple[Estimate, Estimate] | None" = None
 
     def interval(self, mass: float = MASS) -> Interval:
-        """Return the two-sided interval of a mass."""
+        """Return the two-sided interval that contains the given probability mass."""
         if self.sides is not None:
             gain, loss = (side.interval(mass) for side in self.sides)
             # Var(gain - loss) = se_g^2 + se_l^2 - 2 rho se_g se_l, solved for the correlation; they
@@ -113,7 +114,7 @@ class Estimate:
 
     @property
     def cases(self) -> float:
-        """Independent cases of a fraction with its standard error."""
+        """Number of independent cases with which a fraction would have the same standard error."""
         p = self.estimate
         return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else max(self.clusters, 1.0)
 
@@ -234,11 +235,11 @@ def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Estimate]) 
 def resampled(values: ArrayLike, ratio: float) -> Estimate:
     """Estimate a mean over splits of the same objects, with the corrected resampled variance.
 
-    Splits share objects, so the spread between splits is too small. The mean of J splits has the
-    variance (1/J + ratio) s^2 [Nadeau2003], where the ratio is test objects / training objects.
-    More splits reduce only the first term. The correction is needed if differences are caused by
-    the training objects, and is conservative if each split draws new data
-    (`benchmarks/compare.py`).
+    Splits share objects, so the usual standard error of a mean is too small. The mean of J splits
+    has the variance (1/J + ratio) s^2 [Nadeau2003], where s^2 is the variance of the values and
+    `ratio` is the number of test objects divided by that of training objects. More splits reduce
+    only the first term. The correction is needed if differences are caused by the training objects,
+    and is conservative if each split draws new data (`benchmarks/compare.py`).
 
     >>> resampled([0.0, 2.0], 0.5).se
     1.4142135623730951

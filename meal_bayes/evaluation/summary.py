@@ -41,8 +41,9 @@ class AnswerRates(NamedTuple):
     Attributes
     ----------
     hit_rate, false_alarm_rate : float
-        Fractions of the answer yes among trials in which yes is right, and among those in which it
-        is wrong. Abstaining does not count as yes. NaN if there are no such trials.
+        Fraction of trials with the answer yes: among the trials in which yes is right, and among
+        the trials in which yes is wrong. Abstaining does not count as yes. NaN if there are no such
+        trials.
     yes : float
         Fraction of the trials with a known truth in which yes is right.
     """
@@ -152,11 +153,11 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
     Parameters
     ----------
     trials : Trials
-        Trials of one data set. Errors are computed by clusters, and each object (by its name) is a
-        cluster.
+        Trials of one data set. Standard errors treat all trials of one object, known by its name,
+        as a cluster.
     seconds : Mapping[str, float] | None
-        Computing time of each agent in seconds, which an experiment's result contains and trials do
-        not.
+        Computing time of each agent in seconds. Trials do not contain it, but the result of an
+        experiment does.
 
     Examples
     --------
@@ -204,8 +205,8 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
     Returns
     -------
     Interval
-        Mean of first minus second with its confidence interval. The unit is seconds for reward and
-        cost, and a fraction of trials otherwise.
+        Mean measure of `first` minus mean measure of `second`, with the confidence interval. The
+        unit is seconds for reward and cost, and a fraction of trials otherwise.
 
     Examples
     --------
@@ -232,13 +233,14 @@ class Comparison(Measures):
     Attributes
     ----------
     agent, reference : str
+        Names of the agent and of the reference agent.
     measure : str
         Quantity to compare: "reward", "cost", "success" or "abstained".
     tasks : int
         Number of tasks for which both agents have the measure.
     difference, low, high : float
-        Mean of agent - reference, in units of the measure, and its 95 % interval; NaN if the agents
-        share no task.
+        Mean of agent - reference in units of the measure, and the ends of its 95 % interval; NaN if
+        the two agents share no task.
     verdict : str
         "ahead" or "behind" if the interval excludes 0, otherwise "cannot be said". Ahead means a
         lower cost, fewer abstentions, a higher reward or a higher accuracy.
@@ -279,12 +281,13 @@ def comparisons(
     measure : str
         Quantity to compare: "reward", "cost", "success" or "abstained".
     reference : str | None
-        Agent with which the others are compared; by default the paper's agent, or else the first.
+        Agent with which the others are compared. By default it is the paper's agent, or the first
+        agent if there is none of the paper.
 
     Returns
     -------
     list[Comparison]
-        A comparison for each other agent, in the order of tables.
+        A comparison for each other agent, in the order in which tables list agents.
 
     Raises
     ------
@@ -323,7 +326,7 @@ def comparisons(
 
 
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Estimate:
-    """Estimate the mean of first - second over the tasks of both; objects are clusters.
+    """Estimate the mean of first - second over the tasks of both agents; objects are clusters.
 
     Trials are paired by the keys of their tasks and sorted by these keys, so `difference(b, a)` is
     exactly -`difference(a, b)`. The measures are those of `estimate_mean`.
@@ -331,8 +334,8 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     Raises
     ------
     SettingsError
-        There is no common task, one side has a task twice (as in tests after several batches), or a
-        task has another object or question on the other side.
+        There is no common task, one side has a task twice (as in tests after several batches), or
+        the two sides give a task different objects or questions.
     """
     first_rows, second_rows = paired_rows(first, second)
     gain = measured(first, measure)[first_rows] - measured(second, measure)[second_rows]

@@ -64,10 +64,11 @@ class OfflineConfig:
     seed : int
         Seed of all random streams.
     percepts, perception : str
-        `percepts` is "recorded", or "model" to draw them from the learned confusion matrices.
+        `percepts` is "recorded", or "model" to draw percepts from the learned confusion matrices.
         `perception` is "default" or "paper" and selects the classifiers.
     reward : float | None
-        Reward of a right report; a wrong report gets its negative. The domain's by default.
+        Reward of a right report; a wrong report gets minus this reward. By default it is the
+        domain's reward.
     answer : str
         Kind of question. "values" asks for the values of the attributes. "yes or no" asks whether
         all attributes are true. "balanced" asks yes-or-no questions about attributes and negated
@@ -153,16 +154,17 @@ class OnlineConfig:
         Shares of the objects for pretraining, training and tests, or three tuples with the names of
         the objects.
     reward : float | None
-        Reward of a right report; a wrong report gets its negative. The default is 300 on public
-        data (Sect. 7.3 of the paper), and the domain's reward otherwise.
+        Reward of a right report; a wrong report gets minus this reward. The default is 300 on
+        public data (Sect. 7.3 of the paper), and the domain's reward otherwise.
     alpha, beta : float | None
-        Weights of Eq. 11 for the agent `morc_itrs`; by default its own.
+        Weights of Eq. 11 for the agent `morc_itrs`. By default they are the agent's own weights.
     answers : str
         What people say after a training trial. With "verdict", people say whether the report was
         right. With "joint", this verdict about the whole report becomes the label of each
         attribute, as in the authors' code.
     learning : tuple[tuple[str, Any], ...]
-        Other settings of the learner, as pairs of a field of `LearnerSettings` and its value.
+        Other settings of the learner. Each is a pair: the name of a field of `LearnerSettings`, and
+        its value.
     percepts : str
         Source of the percepts: "recorded", or "model" to draw any number of them from the learned
         confusion matrices.
@@ -172,8 +174,8 @@ class OnlineConfig:
         Expected number of future questions, which determines how much exploration is worth.
     log : str
         Size of the logs. "full" logs hold all steps. "compact" logs of tests hold the outcomes of
-        all tests, and the steps of the worst test of each batch and of ten random tests, which are
-        the same for all agents.
+        all tests, but the steps of only some: the worst test of each batch, and ten random tests.
+        The random tests are the same for all agents.
     key : str
         Name for the version of your own agents' code, as for `OfflineConfig`.
 

@@ -39,7 +39,7 @@ _Pair = tuple[int, tuple[str, ...]]
 
 
 def askable(table: PerceptTable | Dataset) -> tuple[str, ...]:
-    """Return the attributes with enough positive and negative objects for the domain."""
+    """Return the attributes that are true and false for more objects than `asked_minimum`."""
     positive = (table.labels == 1).sum(axis=0)
     negative = (table.labels == 0).sum(axis=0)
     enough = np.minimum(positive, negative) > table.domain.asked_minimum
@@ -51,19 +51,20 @@ def offline_tasks(
 ) -> list[Task]:
     """Draw the tasks of an offline run.
 
-    Objects are drawn uniformly, and attributes uniformly without repetition from those that can be
-    asked. If the domain has at least N groups (as ROC36), a query contains one attribute of each of
-    N groups, and in half of the trials all of them are true. Pairs of an object and a set of
-    attributes are drawn in a random order, and no pair is repeated before all pairs were drawn; if
-    there are groups, pairs that are true and pairs that are not have separate orders. The kind of
-    answer (see `OfflineConfig`) does not change the objects, attributes and random streams, except
-    that yes-or-no questions never ask whether two values of a group are both true.
+    Objects are drawn uniformly. Attributes are drawn uniformly and without repetition from those
+    that can be asked. If the domain has at least N groups (as ROC36), a query contains one
+    attribute of each of N groups, and in half of the trials all of them are true. Each task
+    combines an object with a set of attributes. All combinations are drawn once, in a random order,
+    before any is repeated. If there are groups, combinations in which all attributes are true have
+    an order of their own, and so do all others. The kind of answer (see `OfflineConfig`) does not
+    change the objects, attributes and random streams, with one exception: yes-or-no questions never
+    ask whether two values of a group are both true.
 
     Raises
     ------
     SettingsError
-        There are no trials, or there are fewer attributes that can be asked, or labels of any
-        object, than attributes in a question.
+        There are no trials, a question has more attributes than can be asked, or no object has
+        labels of so many attributes.
     """
     check_answer(answer)
     trials = check_whole("trials", trials)

@@ -67,7 +67,7 @@ class Planned(NamedTuple):
 
 
 def warm_up(config: OfflineConfig | OnlineConfig, domain: Domain) -> None:
-    """Compile the kernels that the agents need, once, before every process would."""
+    """Compile the kernels that the agents need once, so that not every process compiles them."""
     query = Query(domain.attributes[: config.attributes])
     queries = [query]
     if isinstance(config, OfflineConfig) and config.answer != "values":

@@ -58,20 +58,20 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     """Environment in which an episode is a trial of ``meal-bayes run offline``.
 
     Actions 0 to E - 1 are the behaviors, and the next 2^N actions are the reports. Action E + y
-    reports the values that are the bits of y; the most significant bit is the value of the first
-    queried attribute. If the agent may abstain, the last action is "I do not know". The reward of a
-    behavior is minus its cost in seconds, that of a right report is r, that of a wrong report -r,
-    and that of "I do not know" 0. A behavior that is not legal (see ``info["action_mask"]``) is not
-    executed: its cost is subtracted from the reward, and nothing else changes. Percepts are outputs
-    of held-out classifiers on real recordings; a trial uses each recording at most once.
+    reports the bits of y as values of the attributes; the most significant bit is the value of the
+    first queried attribute. If the agent may abstain, the last action is "I do not know". A
+    behavior has the reward minus its cost in seconds. A right report has the reward r, a wrong
+    report -r, and "I do not know" 0. A behavior that is not legal (see ``info["action_mask"]``) is
+    not executed: its cost is subtracted from the reward, and nothing else changes. Percepts are
+    outputs of held-out classifiers on real recordings; a trial uses each recording at most once.
 
     An observation is a dictionary:
 
     * ``state``: index of the observed state; the last of the X states is ``term``.
     * ``asked``: (N,) positions of the queried attributes in the domain.
     * ``percepts``: (N,E,K) number of percepts so far, by attribute, behavior and level.
-    * ``belief``: (N,) Pr(attribute is true) by the agent's belief update; the agent has learned
-      from other objects only.
+    * ``belief``: (N,) probability that each queried attribute is true, by the belief update of the
+      agent, which has learned from other objects only.
     * ``cost``: (1,) cost so far, s.
 
     Parameters
@@ -83,7 +83,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     seed : int
         Seed of the list of tasks, and of trials whose task is chosen by its number.
     attributes, trials : int
-        Number N of attributes in a question, and number of tasks in the list, about all objects.
+        Number N of attributes in a question, and number of tasks that are drawn about all objects.
+        Those about `objects` form the list of tasks.
     answer : str
         Kind of question: "values", "yes or no" or "balanced"; see `OfflineConfig`. For the last two
         kinds there are two reports, no (action E) and yes (action E + 1).
@@ -91,7 +92,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         Objects of the tasks: "all", "train" (three quarters), "test" (the other quarter), or names.
         The quarters are the same for every seed.
     scale : float
-        Factor of all rewards.
+        Factor by which all rewards are multiplied.
     max_steps : int
         Number of behaviors after which an episode is truncated.
     logs : str | Path | None
@@ -194,7 +195,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Become a copy, which writes a log of its own."""
+        """Restore the state of a copy, which writes its own log."""
         self.__dict__.update(state)
         self._finish_log_with_self()
 
@@ -208,8 +209,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         """Start an episode, and return observation and info.
 
         With ``options={"task": i}``, the episode is task i of the list, with the random draws of
-        ``meal-bayes run offline``. By default, the task and the draws are random, and depend on the
-        seed of this or of an earlier call.
+        ``meal-bayes run offline``. By default, the task and the draws are random; they depend on
+        the seed that was passed in this call or an earlier one.
         """
         super().reset(seed=seed)
         given_options: Any = {} if options is None else options  # users give anything

@@ -1,8 +1,8 @@
 """Learners: an agent with its experience.
 
 The input is questions, a robot, labels from people, and recordings or a percept table. The output
-is trials, which are logged step by step, and a posterior of the confusion matrices, which labels
-update.
+is trials, which are logged step by step, and a posterior of the confusion matrices. Labels update
+this posterior.
 """
 
 from meal_bayes.learner.experience import Experience

@@ -203,21 +203,25 @@ class Experience:
     Attributes
     ----------
     first_attributes : int
-        Number of attributes that the domain had at first; later ones were added.
+        Number of attributes that the domain had at first; the others were added later.
     objects, trials : dict
-        Numbers of objects by name, and of trials by key.
+        Number of each object, by its name, and number of each trial, by its key.
     instances, executions, feedback, answers : Rows
-        Tables of `INSTANCE` (n,), `EXECUTION` (m,), `FEEDBACK` (l,) and `ANSWER` (a,).
+        Tables with a row for each instance (n,), execution (m,), label (l,) and answer (a,). Their
+        columns are `INSTANCE`, `EXECUTION`, `FEEDBACK` and `ANSWER`.
     levels : Rows (n,P)
-        Percept levels at the time of the execution; -1 unknown.
+        Percept level of each instance and attribute at the time of the execution; -1 unknown.
     detected : Rows (n,P)
-        Levels that the robot's own detector returned; -1 if none.
+        Level that the robot's own detector returned for each instance and attribute; -1 if none.
     scores : Rows (n,P)
-        Scores that a detector returned; NaN if none. Their levels are computed at each refit.
+        Score that a detector returned for each instance and attribute; NaN if none. The levels of
+        scores are computed at each refit.
     labels, object_labels : Rows (n,P), (O,P)
-        Labels of instances (from the trials that showed them), and of objects; -1 unknown.
+        Labels of each instance, from the trials that showed it, and labels of each object; -1
+        unknown.
     features : dict
-        Features (D,) by (behavior, modality) and number of the instance; D may differ.
+        Feature vector (D,) of each instance, by (behavior, modality) and then by the number of the
+        instance; D may differ between instances.
     feedback_logs : dict
         Names of the logs of the feedback, in order.
     unlogged : list
@@ -265,7 +269,7 @@ class Experience:
 
     @property
     def met(self) -> dict[str, int]:
-        """Numbers of objects by name, without completely forgotten objects."""
+        """Number of each object, by its name, without objects that were forgotten completely."""
         return self.met_without(np.empty(0, np.intp))
 
     def met_without(self, apart: NDArray[np.intp]) -> dict[str, int]:
@@ -279,7 +283,7 @@ class Experience:
         return {name: o for name, o in self.objects.items() if o in left or o not in forgotten}
 
     def add_attributes(self, domain: Domain) -> None:
-        """Replace the domain by one with more attributes at the end, whose labels are unknown."""
+        """Replace the domain by one with more attributes at the end; their labels are unknown."""
         more = len(domain.attributes) - len(self.domain.attributes)
         for rows in (self.levels, self.detected, self.labels, self.object_labels):
             rows.widen(more, -1)
@@ -287,7 +291,7 @@ class Experience:
         self.domain = domain
 
     def object_number(self, name: str) -> int:
-        """Return the number of an object, which is new if the object was not met before."""
+        """Return the number of an object; an object that was not met before gets a new number."""
         if name not in self.objects:
             number = len(self.objects)
             try:
@@ -300,7 +304,7 @@ class Experience:
         return self.objects[name]
 
     def trial_number(self, key: Key) -> int:
-        """Return the number of a trial, which is new if the trial is not known."""
+        """Return the number of a trial; a trial that is not known gets a new number."""
         return self.trials.setdefault(key, len(self.trials))
 
     @property
@@ -377,12 +381,13 @@ class Experience:
         behavior : int
             Position of the behavior in the domain.
         success : int
-            1 succeeded, 0 failed, -1 unknown.
+            1 if the execution succeeded, 0 if it failed, -1 if this is unknown.
         instance : Instance, optional
-            What was sensed. For a replayed recording, its number shows whether it is new; with
-            NONE, it is the next recording of the data set.
+            What was sensed. For a replayed recording, `instance.recording` shows whether it is new;
+            if this is NONE, it is the next recording of the data set.
         levels, detected : Labels | None
-            (P,) percept levels, from 0 to K - 1, and those of the robot's detector; -1 unknown.
+            (P,) percept level of each attribute, from 0 to K - 1, and the level from the robot's
+            own detector; -1 unknown.
         n_levels : int
             Number K of levels.
         """
@@ -455,9 +460,9 @@ class Experience:
         return self.instances_of_object(o)
 
     def forget(self, trial: Key, *, recordings: bool = False) -> NDArray[np.intp]:
-        """Withdraw the labels, and with `recordings` the executions of a trial.
+        """Withdraw the labels of a trial, and with `recordings` also its executions.
 
-        Returns the instances of the trial's object.
+        Return the instances of the trial's object.
         """
         number = self.trials[trial]
         instances = self.instances_of_trial(trial)

@@ -157,8 +157,8 @@ class Learner:
     """An agent that answers questions, keeps its experience, and learns from trials and labels.
 
     A learner works with any robot, and can begin with recordings or without any. If it is given a
-    percept table, it replays the objects of the table; in each trial it uses only what was learned
-    from other objects.
+    percept table, it replays the objects of the table; in each trial it uses only what it learned
+    from the other objects.
 
     Parameters
     ----------
@@ -176,7 +176,8 @@ class Learner:
         Posterior of the confusion matrices that replaces the one that `fit` learns. The posterior
         must not be learned from the objects about which you ask.
     reward : float, optional
-        Reward of a right report; a wrong report gets its negative. The domain's by default.
+        Reward of a right report; a wrong report gets minus this reward. By default it is the
+        domain's reward.
     payoffs : Sequence[float], optional
         Rewards of a right yes, a wrong yes, a right no and a wrong no. These payoffs apply to
         yes-or-no questions that have no payoffs of their own. The domain's payoffs are the default.
@@ -190,19 +191,19 @@ class Learner:
         Whether to learn the success rates of behaviors at every refit. If False, they are taken
         from the domain.
     label_accuracy : float, optional
-        Probability that a label is right, if you know it, for example from two people who label
-        the same objects. Then base rates count a label by the probability that it is right, and an
-        agent with memory believes an object's label as much. By default, base rates count every
-        label as right, and an agent with memory believes a label with probability .99. The base
-        rates of a percept table do not use it.
+        Probability that a label is right, if you know it, for example from two people who label the
+        same objects. Base rates then take this probability into account, and an agent with memory
+        believes a label with this probability. By default, base rates count every label as right,
+        and an agent with memory believes a label with probability .99. The base rates of a percept
+        table do not use this setting.
     horizon : float, optional
         Expected number of future questions, which determines how much exploration is worth. By
-        default it is 20 more than the number of questions so far, without tests.
+        default it is 20 plus the number of questions so far; tests do not count.
     logs : str or path, optional
         Folder for the logs of trials with a robot; None turns logging off.
     settings : LearnerSettings, optional
-        All of these settings except `agent` and `logs`, and rarer ones, as one value. If you pass
-        it, you cannot pass its settings by name too.
+        One value that contains these settings, except `agent` and `logs`, and rarer ones. If you
+        pass it, you cannot pass the same settings by name.
 
     Examples
     --------
@@ -289,7 +290,7 @@ class Learner:
 
     @property
     def experience(self) -> Experience:
-        """All recordings, executions and labels; while a refit runs, this waits for its end."""
+        """All recordings, executions and labels; reading them waits for the end of a refit."""
         with self._lock:
             return self._experience
 
@@ -304,7 +305,7 @@ class Learner:
 
     @property
     def agent(self) -> Agent:
-        """Agent that chooses behaviors; a new agent learns from the same experience when set."""
+        """Agent that chooses behaviors. An agent that you set learns from the same experience."""
         return self._agent
 
     @agent.setter
@@ -318,7 +319,7 @@ class Learner:
                 self._log_change(change)
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what was learned, without a given object if there is a percept table."""
+        """Return what was learned; with a percept table, what was learned without an object."""
         if self.table is None:
             return self.fitted(self.agent).knowledge
         if object_name is None:
@@ -343,7 +344,7 @@ class Learner:
         answer: str = "values",
         payoffs: Sequence[float] | None = None,
     ) -> Task:
-        """Return the task of a question; an object without a name gets a new one."""
+        """Return the task of a question; without an object's name, it is about a new object."""
         return self._read(question, object_name, answer=answer, payoffs=payoffs)[0]
 
     def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
@@ -363,7 +364,8 @@ class Learner:
     ) -> RecordedRobot:
         """Return a simulated robot that replays the recordings of an object of the percept table.
 
-        The seed determines failures and the order of recordings. By default it is the learner's.
+        The seed determines failures and the order of recordings. By default it is the learner's
+        seed.
         """
         if self.table is None:
             raise SettingsError(NO_TABLE)
@@ -417,14 +419,14 @@ class Learner:
             The true attributes as far as known, {attribute: True or False}. The truth is only
             compared with the report after the trial.
         object_name : str, optional
-            Name by which an agent with `memory` recognizes the object. By default it is a new
-            object.
+            Name by which an agent with `memory` recognizes the object. By default the trial is
+            about a new object.
         answer : str
             Kind of answer: "values" of the attributes, or "yes or no" ("Is it red and not empty?");
             see `read_event`.
         payoffs : Sequence[float], optional
-            Rewards of a right yes, a wrong yes, a right no and a wrong no. The learner's by
-            default.
+            Rewards of a right yes, a wrong yes, a right no and a wrong no. By default they are the
+            learner's payoffs.
         learn : bool
             Whether the robot explores and learns from the trial. If False, the trial is a test;
             replays of a percept table always are tests.
@@ -497,9 +499,9 @@ class Learner:
         commanded : bool
             Whether your program chooses behaviors too, by `Session.command`.
         seed : int, optional
-            Seed of the random draws; the learner's by default.
+            Seed of the random draws. By default it is the learner's seed.
         question, object_name, truth, answer, payoffs, learn, log, key : Any
-            As for `ask`, like `max_steps`, `max_cost` and `on_step`.
+            As for `ask`; so are `max_steps`, `max_cost` and `on_step`.
 
         Raises
         ------
@@ -564,8 +566,8 @@ class Learner:
         learn, max_steps, max_cost, on_step : Any
             As for `ask`; they apply to each trial.
         log : str or Path, optional
-            Folder for the logs of the trials, which are numbered in their order. By default it is a
-            new folder in the folder of logs.
+            Folder for the logs of the trials; the logs are numbered in the order of the trials. By
+            default it is a new folder in the folder of logs.
 
         Returns
         -------
@@ -633,7 +635,7 @@ class Learner:
         ----------
         log : str or Path, optional
             Log of the trial, its unfinished draft, or a folder of logs with one interrupted trial.
-            By default it is this learner's folder.
+            By default it is this learner's folder of logs.
         state : str, optional
             Present state of the robot, which must be the last state of the log. `state` can be left
             out if the domain has only one state.
@@ -642,7 +644,8 @@ class Learner:
         ------
         LogError
             There is no interrupted trial, or there are several; the trial has other states or
-            percept levels; another process still runs the trial; or the robot is in another state.
+            percept levels than the learner; another process still runs the trial; or the robot is
+            in another state.
         SettingsError
             The trial belongs to another domain, or `state` is missing.
 
@@ -680,8 +683,9 @@ class Learner:
     def give_up(self, log: str | Path | None = None) -> Trial:
         """End an interrupted trial whose process has ended, and complete its log.
 
-        The agent plans nothing, and the robot may be in any state. The learner learns from the
-        steps of the trial if its domain and percept levels are those of the trial.
+        Giving up needs no planning, and works in every state of the robot. The learner learns from
+        the steps of the trial if learner and trial have the same domain and the same percept
+        levels.
 
         Parameters
         ----------
@@ -691,8 +695,8 @@ class Learner:
         Returns
         -------
         trial : Trial
-            The trial so far, whose `ended` is "cancelled". A trial that has an answer already keeps
-            it.
+            The trial so far, whose `ended` is "cancelled". A trial that already has an answer keeps
+            this answer.
 
         Raises
         ------
@@ -726,7 +730,7 @@ class Learner:
     def hear_trial(self, trial: Trial, n_steps: int | None = None) -> None:
         """Record a logged trial, or its first steps, and learn from it if it has ended.
 
-        This method and the others whose names begin with `hear` are called by `recall`.
+        `recall` calls this method and the others whose names begin with `hear`.
         """
         self.record(trial if n_steps is None else replace(trial, steps=trial.steps[:n_steps]))
         if n_steps is None and trial.ended != UNFINISHED:
@@ -756,10 +760,10 @@ class Learner:
 
     @contextlib.contextmanager
     def hearing_changes(self, changes: Sequence[Change]) -> Iterator[Agent]:
-        """Yield this learner's own agent to a block that repeats logged changes of agents in order.
+        """Yield this learner's own agent to a `with` block that repeats logged changes of agents.
 
-        After the block, the agent is that of the last change if this learner had the agent that the
-        first change replaced. Otherwise it is this learner's own agent again.
+        After the block, the learner has the agent of the last change if its own agent is the one
+        that the first change replaced. Otherwise it has its own agent again.
         """
         own = self.agent
         follows = not changes or agent_digest(own) == changes[0].before
@@ -1007,8 +1011,7 @@ class Learner:
         name : str
             Name of the attribute or of the group.
         values : Sequence[str]
-            Values of the group, of which every object has exactly one; empty for a single
-            attribute.
+            Values of the group; every object has exactly one of them. Empty for a single attribute.
 
         Raises
         ------
@@ -1055,7 +1058,7 @@ class Learner:
 
         The estimates of how objects differ and of how errors correlate do not change until the next
         refit. If a refit is due (`refit_every`), it runs in a thread, and the next call waits for
-        its end (see `is_refitting`); the learner learns the same as if `tell` had waited. If trials
+        its end (see `is_refitting`). The learner learns the same as if `tell` had waited. If trials
         are logged, labels are logged too; the labels of a trial are in a file beside its log.
 
         Parameters
@@ -1063,9 +1066,10 @@ class Learner:
         trial : Trial or str
             A trial of this or another learner, or the name of an object.
         values : mapping
-            True, False or None for each attribute, whether the trial asked about it or not. A later
-            label for the same trial, or for the same name, replaces the earlier one. If labels from
-            several trials of an object contradict each other, the latest label is used.
+            True, False or None for each attribute, also for attributes about which the trial did
+            not ask. A later label for the same trial, or for the same name, replaces the earlier
+            one. If labels from several trials of an object contradict each other, the latest label
+            is used.
 
         Raises
         ------
@@ -1112,7 +1116,8 @@ class Learner:
         Parameters
         ----------
         trial : Trial or str
-            A trial, or the name of an object that was labeled by its name or with recordings.
+            A trial; or the name of an object that got labels by its name or together with
+            recordings.
         recordings : bool
             Whether to remove the recordings and failures of the trial too. The learner then refits
             as if the trial had never taken place.
@@ -1315,7 +1320,8 @@ def ask(
         Source of the percepts: "recorded", or "model" to draw them from the learned confusion
         matrices.
     reward : float | None
-        Reward of a right report; a wrong report gets its negative. The domain's by default.
+        Reward of a right report; a wrong report gets minus this reward. By default it is the
+        domain's reward.
     on_step : Callable[[Step], None] | None
         Called after every step.
     log : str | Path | None

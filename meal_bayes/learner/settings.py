@@ -35,7 +35,8 @@ class LearnerSettings(ByValue):
     Attributes
     ----------
     payoffs : Payoffs | None
-        Payoffs of yes and no in questions without payoffs of their own; the domain's by default.
+        Payoffs of yes and no in questions without payoffs of their own. By default they are the
+        domain's payoffs.
     by_object : bool
         Whether cross-validation leaves out objects; see `PerceptionSettings`.
     unit : float | None
@@ -46,8 +47,8 @@ class LearnerSettings(ByValue):
     shaped_answers : bool
         Whether the bonus of ITRS is also used in tests.
     drawn : NDArray[np.int8] | None
-        (O,P) labels. If given, percepts are drawn from the learned confusion matrices by these
-        labels.
+        (O,P) label of each object and attribute, or None. If labels are given, each percept is
+        drawn at random from the row of its label in the learned confusion matrix.
     """
 
     seed: int = 0
