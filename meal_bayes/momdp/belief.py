@@ -179,10 +179,11 @@ class Belief(FrozenArrays):
     log_odds : NDArray[np.float64]
         (N,) log-odds that each attribute is true; see `belief_of`.
     groups : tuple[tuple[int, ...], ...]
-        Indices of attributes of which exactly one is true, as in the query.
+        For each group, the indices of its attributes, of which exactly one is true; as in the
+        query.
     joint_table : NDArray[np.float64] | None
         (Y,) probability of each combination of values if the prior is a joint distribution.
-        `log_odds` then are the marginals of this table. None if attributes are independent.
+        `log_odds` are then the marginals of this table. None if attributes are independent.
 
     Examples
     --------
@@ -217,7 +218,7 @@ class Belief(FrozenArrays):
 
     @property
     def shown(self) -> NDArray[np.int64]:
-        """Return the number of percepts of each behavior, (E,), the largest of any attribute."""
+        """Return the number of percepts of each behavior, (E,): the largest over all attributes."""
         return np.asarray(self.percept_counts.sum(axis=2).max(axis=0, initial=0), np.int64)
 
     @property
@@ -361,8 +362,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     The probability of each latent class is multiplied by its predictive probability of the percept.
     For level z this is (s c_z + n_z) / (s + n), where c_z is the mean probability of the level, s
     the Dirichlet precision, n_z the number of earlier percepts of level z in this trial, and n the
-    number of all earlier percepts. With infinite s this is Eq. 8. An attribute without a percept
-    (level -1) does not change.
+    number of all earlier percepts. With infinite s this is Eq. 8. The belief about an attribute
+    without a percept (level -1) does not change.
 
     Parameters
     ----------
@@ -494,7 +495,7 @@ def _checked_report(momdp: MOMDP, report: object) -> NDArray[np.bool_]:
 
 
 def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
-    """Compute the expected reward (s) of a report given a belief: (N,) values, or (1,) yes."""
+    """Compute the expected reward (s) of a report, (N,) values or (1,) yes, under a belief."""
     report = _checked_report(momdp, report)
     reports = momdp.reports
     if reports.event is None:
@@ -504,7 +505,7 @@ def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> 
 
 @tiny_is_zero
 def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
-    """Compute Pr(report is right) under a belief, for (N,) values, or (1,) yes."""
+    """Compute Pr(report is right) of a report, (N,) values or (1,) yes, under a belief."""
     report = _checked_report(momdp, report)
     if momdp.reports.event is None:
         return float(belief.agreement(report).prod())

@@ -36,13 +36,14 @@ class Objective:
     Attributes
     ----------
     correct, incorrect : float | None
-        Rewards r+ and r- of a right and a wrong report; those of the domain by default.
+        Rewards r+ and r- of a right and a wrong report. By default they are those of the domain.
     discount : float
         Discount factor of a step, used in planning only.
     abstain : bool
         Whether the agent may answer "I do not know", if the domain's diagram allows it.
     payoffs : Payoffs | None
-        Payoffs of yes and no if the query has none; the domain's by default.
+        Payoffs of yes and no for a query without payoffs of its own. By default they are the
+        domain's payoffs.
     """
 
     correct: float | None = None
@@ -87,7 +88,7 @@ def build_momdp(
         Pr(attribute is true) before the trial, (N,) or one number; the default 0.5 is the paper's.
         Probabilities of the values of a group are scaled to sum to 1.
     limit : ArrayLike
-        Number of recordings of a behavior that can be perceived in one trial, (E,) or one number.
+        Maximum number of percepts of each behavior in a trial, (E,) or one number for all.
     latent_classes : ArrayLike | None
         (N,2,C) Pr(latent class | truth). By default the class is the truth.
     objective : Objective | None
@@ -161,7 +162,7 @@ def build_momdp(
 
 
 def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:
-    """Return the MOMDP with a joint prior, whose marginals become `prior`.
+    """Return the MOMDP with a joint prior; `prior` becomes the marginals of this prior.
 
     Parameters
     ----------
@@ -211,8 +212,9 @@ def _answer_rows(classes: NDArray[np.float64], accuracy: float, levels: int) -> 
 def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute the entropy (N,E,2), bits, of a percept given the attribute's value (Eq. 9).
 
-    If there are more than two levels, they are summed to no and yes, so the meaning of alpha does
-    not depend on the number of levels. Behaviors without percepts have entropy 0.
+    If there are more than two levels, their probabilities are summed to those of no and yes. The
+    meaning of alpha therefore does not depend on the number of levels. Behaviors without percepts
+    have entropy 0.
     """
     yes = yes_of(momdp.rows)
     rows = np.clip(np.stack([1 - yes, yes]), np.finfo(float).tiny, 1.0)

@@ -99,9 +99,9 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
 class FlatPOMDP(FrozenArrays):
     """A POMDP as dense arrays. State x * Y + y is (x, y), and the last state is `term`.
 
-    The last observation is "none". The arrays cannot represent two properties of a MOMDP: the
-    number of percepts is not limited (`limit`), and illegal behaviors end the trial with a reward
-    below that of every report.
+    The last observation is "none". The arrays differ from the MOMDP in two ways: the number of
+    percepts is not limited (by `limit`), and an illegal behavior ends the trial with a reward below
+    that of every report.
 
     Attributes
     ----------

@@ -122,7 +122,8 @@ class MOMDP(ByValue):
     query : Query
         The question, about N attributes.
     x_names, behavior_names : tuple[str, ...]
-        Names of the X observable states, the last of which is "term", and of the E behaviors.
+        (X,) names of the observable states, the last of which is "term", and (E,) names of the
+        behaviors.
     start : int
         Index of the state in which the trial begins.
     transition, observation_probability : NDArray[np.float64]
@@ -156,7 +157,7 @@ class MOMDP(ByValue):
     abstain : bool
         Whether the agent may answer "I do not know".
     payoffs : Payoffs | None
-        Payoffs of a yes-or-no question; r+ and r- by default.
+        Payoffs of a yes-or-no question. By default they are r+ and r-.
     joint : NDArray[np.float64] | None
         (Y,) prior probability of each combination of values, in the order of `Query.values`; its
         marginals are `prior`. None if attributes and groups are independent.
@@ -269,7 +270,7 @@ class MOMDP(ByValue):
 
     @property
     def coupled(self) -> bool:
-        """Whether attributes are dependent: values of a group, or under a joint prior."""
+        """Whether attributes are dependent, as values of a group or through a joint prior."""
         return bool(self.query.groups) or self.joint is not None
 
     @property
@@ -348,7 +349,7 @@ class MOMDP(ByValue):
         return ABSTAINED if self.abstain else -np.inf
 
     def reported(self, action: int) -> NDArray[np.bool_] | None:
-        """Return the report of an answer: N truth values, or one (yes); None if it abstains."""
+        """Return the report of an answer, (N,) values or (1,) yes; None for "I do not know"."""
         if action == self.abstention:
             return None
         return self.query.report_of(action - self.n_behaviors)

@@ -24,7 +24,8 @@ def predictive(mean: Any, precision: Any, count: Any, total: Any) -> Any:
 
     Here c is the mean probability of the level in the class, s > 0 the precision of the row (inf if
     it is known exactly), n_z the number of percepts of this level, and n the number of all percepts
-    of the behavior. It is computed as c + (n_z - n c) / (s + n), which is c for infinite s.
+    of the behavior. The function computes this as c + (n_z - n c) / (s + n), which is c for
+    infinite s.
 
     >>> predictive(0.6, 5.0, 6, 6)
     0.8181818181818182

@@ -83,10 +83,10 @@ class Reports(ByValue):
 
     @property
     def event(self) -> Event | None:
-        """What yes and no are about; None where values are reported.
+        """The event that yes and no are about; None if the report consists of values.
 
-        The value of one attribute is a question of yes or no, and planned as values are wherever
-        yes and no earn the same.
+        A question about one attribute is a yes-or-no question. If yes and no have the same rewards,
+        planners treat it as a question about values.
         """
         if self.query.event is None and len(self.query) == 1 and not self.payoffs.symmetric:
             return Event((True,))
@@ -94,7 +94,7 @@ class Reports(ByValue):
 
     @property
     def conjunction(self) -> Conjunction | None:
-        """Yes or no for kernels; None where values are reported."""
+        """The yes-or-no question for kernels; None if the report consists of values."""
         event = self.event
         if event is None:
             return None
@@ -124,11 +124,11 @@ class Reports(ByValue):
         return event.probability(belief.positive, self.query.variables)
 
     def probability_now(self, belief: Believed) -> float | None:
-        """Return Pr(yes is right) of a question of yes or no; None of values."""
+        """Return Pr(yes is right) for a yes-or-no question; None for a question about values."""
         return None if self.query.event is None else float(self.probability(belief))
 
     def answers(self, probability: ArrayLike) -> Floats:
-        """Compute the expected rewards (...,2) of no and yes at Pr(yes is right)."""
+        """Compute the expected rewards of no and of yes, (...,2), given Pr(yes is right)."""
         p = np.asarray(probability)
         right_yes, wrong_yes, right_no, wrong_no = self.payoffs
         no = mean_reward(wrong_no, right_no - wrong_no, 1.0 - p)
@@ -136,18 +136,21 @@ class Reports(ByValue):
         return np.stack(np.broadcast_arrays(no, yes), axis=-1)
 
     def of_right(self, right: Floats) -> Floats:
-        """Compute the reward of Pr(attribute reported right) (...,N): all have to be."""
+        """Compute the reward of a report, given Pr(right) of each of its attributes, (...,N).
+
+        A report is right only if all attributes are right.
+        """
         reward_range = self.payoffs.right_yes - self.payoffs.wrong_yes
         return np.asarray(mean_reward(self.payoffs.wrong_yes, reward_range, right.prod(axis=-1)))
 
     def reward(self, report: NDArray[np.bool_], right: NDArray[Any]) -> float:
-        """Return the reward of a report where the right one is known."""
+        """Return the reward of a report, given the right report."""
         if self.event is None:
             return float(self.of_right((report == right).astype(float)))
         return float(self.answers(float(right[0] == 1))[int(report[0])])
 
     def rewards(self) -> Floats:
-        """Return the reward of each report at each value vector, (Y,reports)."""
+        """Return the reward of each report for each combination of values, (Y,reports)."""
         values = self.query.values
         if self.event is None:
             return self.of_right((values[:, None] == values).astype(float))

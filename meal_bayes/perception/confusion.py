@@ -37,7 +37,7 @@ def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDAr
     Returns
     -------
     NDArray[np.int64]
-        (O,P,E,2,K) percepts by object, attribute, behavior, truth and level.
+        (O,P,E,2,K) number of percepts by object, attribute, behavior, truth and level.
     """
     check_place("held_out", held_out, len(table.objects))
     return by_truth(table.training_levels(held_out, levels), table.labels)

@@ -285,7 +285,7 @@ def _coarse(features: Floats) -> bool:
 def fit_spaces(
     dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
 ) -> Spaces:
-    """Fit feature spaces, which need no labels; a behavior without recordings has no space.
+    """Fit feature spaces without labels; a behavior without recordings gets no space.
 
     When new labels arrive, a robot fits its classifiers again but keeps the spaces. The spaces are
     fitted to the recordings `gathered` by the robot, and contain all n = O R recordings of the data

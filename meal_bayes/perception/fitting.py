@@ -73,11 +73,11 @@ def fit_and_validate(
 ) -> tuple[Perception, NDArray[np.int64]]:
     """Fit Psi of every behavior on the training set D, and cross-validate it.
 
-    Cross-validation is nested over objects: for object o', both the classifiers and the rule that
-    combines them are trained without o', and this rule learns only from decisions on objects on
-    which the classifiers were not trained. Above the settings' exact sizes, folds of objects are
-    left out instead of objects. Each labeled instance is one count; its percept has even odds if
-    the other objects have only one class.
+    Cross-validation is nested over objects. For each object o', the classifiers and the rule that
+    combines them are trained without o'. The rule learns only from decisions about objects on which
+    the classifiers were not trained. Above the settings' exact sizes, folds of objects are left out
+    instead of single objects. Each labeled instance adds one count. If all other objects have the
+    same label, its percept has even odds.
 
     Parameters
     ----------
@@ -95,7 +95,8 @@ def fit_and_validate(
     perception : Perception
         Classifiers that were trained on all of D.
     counts : NDArray[np.int64]
-        (O,P,E,2,K) percepts of each training object by classifiers that were not trained on it.
+        (O,P,E,2,K) number of percepts of each training object, by classifiers that were not trained
+        on this object.
     """
     domain = dataset.domain
     classifiers = {}

@@ -94,7 +94,7 @@ class RecordedPercepts:
     Attributes
     ----------
     table : PerceptTable
-        Outputs of the classifiers, and the labels from which a person answers.
+        Outputs of the classifiers, and the labels from which a person's answers are taken.
     levels : int
         Number K of levels of a percept.
     """
@@ -142,7 +142,7 @@ class SampledPercepts(FrozenArrays):
     labels : NDArray[np.int8]
         (O,P) labels: 1 for true, 0 for false, -1 for unknown.
     confusion : NDArray[np.float64]
-        (P,E,2,K) confusion matrices, with a row for each truth that sums to 1.
+        (P,E,2,K) confusion matrix of each attribute and behavior; the row of each truth sums to 1.
     """
 
     domain: Domain
@@ -153,7 +153,7 @@ class SampledPercepts(FrozenArrays):
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Draw each level from the row of the true value, or draw a person's answer.
 
-        If the true value is unknown, it is drawn with probability 1/2.
+        If the true value is unknown, it is first drawn: true or false, with probability 1/2 each.
         """
         levels = self.confusion.shape[-1]
         said = person_says(self.domain, self.labels, instance, query, levels=levels, rng=rng)
@@ -210,7 +210,7 @@ class Perception(FrozenArrays):
     classifiers : Mapping[str, BehaviorClassifier]
         Classifiers by behavior.
     labels : NDArray[np.int8]
-        (O,P) labels, which only a person's answers use.
+        (O,P) label of each object and attribute. Only answers of a person use the labels.
     levels : int
         Number K of levels of a percept.
     """

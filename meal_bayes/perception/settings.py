@@ -24,8 +24,8 @@ class PerceptionSettings:
         "stacked" for kernel classifiers that a stacker combines; "paper" for support vector
         machines, weighted by Cohen's kappa; or "classifier" for a scikit-learn classifier.
     width : float | None
-        Width w of the kernels exp(-d^2 / w^2), in median distances, for the method "stacked". None
-        learns it as one of `kernel_ridge.WIDTHS`.
+        Width w of the kernels exp(-d^2 / w^2), in median distances, for the method "stacked". With
+        None, w is learned and is one of `kernel_ridge.WIDTHS`.
     joint : bool
         Whether the method "stacked" has an additional kernel for all modalities together.
     levels : int
@@ -37,16 +37,18 @@ class PerceptionSettings:
         Largest number of recordings of a behavior that the method "stacked" compares with each
         other.
     landmarks : int
-        Number of recordings with which all others are compared, above `exact_recordings`.
+        Number of recordings with which all others are compared, if a behavior has more recordings
+        than `exact_recordings`.
     folds : int
         Number of groups of objects that are left out together, for the methods "paper" and
         "classifier", and for "stacked" above the exact sizes. Recordings of an object are always in
         the same fold.
     by_object : bool
-        Whether objects are left out in cross-validation; if False, recordings, as in the published
-        code.
+        Whether cross-validation leaves out objects. If False, it leaves out recordings, as the
+        published code does.
     nested : bool
-        Whether stackers learn from decisions by classifiers without any of the left-out objects.
+        Whether stackers learn only from decisions of classifiers that were trained on none of the
+        left-out objects.
     balanced : bool
         Whether both classes have the same weight, so that a percept is a likelihood ratio.
     nonnegative : bool

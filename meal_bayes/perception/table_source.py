@@ -46,8 +46,8 @@ class TableSource:
     perception : str
         Method of the classifiers: "default" or "paper".
     fingerprint : str
-        Digest of everything that the user can change: an own table, or an own domain with its
-        recordings. It is empty for data in the package.
+        Digest of everything that you can change: your own table, or your own domain with its
+        recordings. The digest is empty for data in the package.
     domain : Domain
         Domain with the behaviors and attributes.
     path : Path
@@ -88,7 +88,7 @@ class TableSource:
         ------
         SettingsError
             If the method is unknown, the table was made by another method, the folder of the
-            recordings is missing, or a folder is given that is not needed.
+            recordings is missing, or a folder is given but not needed.
         """
         if perception not in NAMED:
             raise SettingsError(unknown("perception", perception, NAMED))

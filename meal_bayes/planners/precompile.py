@@ -20,10 +20,11 @@ def warm_up(solver: Solver, limit: float = 3, *, yes_or_no: bool = False) -> Non
     solver : Solver
         Solver of this package.
     limit : float
-        Largest number of percepts of a behavior in a trial. It selects the kernel of `POMCP`, which
-        uses a table if the number is unlimited and rates are known (Eq. 8), and otherwise plans.
+        Largest number of percepts of a behavior in a trial. This number selects the kernel of
+        `POMCP`, which uses a table if the number is unlimited and rates are known (Eq. 8), and
+        open-loop plans otherwise.
     yes_or_no : bool
-        Whether to compile the kernels for yes-or-no questions, which are different ones.
+        Whether to compile the kernels for yes-or-no questions; they differ from those for values.
     """
     if isinstance(solver, POMCP):  # compilation would use up a limit of time
         solver = replace(solver, milliseconds=None, simulations=1)

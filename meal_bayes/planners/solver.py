@@ -29,15 +29,15 @@ class TreeEdge(NamedTuple):
     Attributes
     ----------
     level : int
-        1 or 2.
+        Level of the edge in the tree, 1 or 2.
     parent : int
-        Position of the parent edge in the list, -1 for the root.
+        Position of the parent edge in the list; -1 for an edge at the root.
     action : int
-        Behavior index.
+        Index of the behavior.
     observation : tuple[int, ...]
-        Percept levels on the way to the parent's node, () for none.
+        Percept levels after the behavior of the parent edge; () if there are none.
     visits : int
-        Simulations through the edge.
+        Number of simulations that passed through the edge.
     value : float
         Estimate of the expected reward of this trial.
     bonus : float
@@ -96,8 +96,9 @@ class Decision(FrozenArrays):
         (M,N,K) rows of the confusion matrices of the chosen behavior in M sampled MOMDPs; None if
         none were sampled.
     gap : float | None
-        Upper bound in seconds of the loss of this decision: the best possible action has at most
-        this much more expected reward (with exploration bonus). None if no bound is known.
+        Upper bound, in seconds, of the loss by this decision. The expected reward (with exploration
+        bonus) of the best possible action is higher by at most this bound. None if no bound is
+        known.
     bonus : NDArray[np.float64] | None
         (E+1,) expected exploration bonus in seconds. The chosen action maximizes `values` +
         `bonus`. None if the solver does not separate the two; `values` then contain the bonus.
@@ -229,9 +230,9 @@ class History:
     belief : Belief
         Belief after these steps.
     actions : tuple[int, ...]
-        Executed behaviors.
+        Index of each executed behavior, in order.
     perceived : tuple[bool, ...]
-        Whether there was a percept, for each action.
+        Whether each action yielded a percept.
     moved : tuple[int, ...]
         Index of the state after each action.
     cost : float
@@ -339,7 +340,7 @@ class Solver(Protocol):
 
 @dataclass(slots=True)
 class MemoizedPolicy:
-    """A deterministic policy that stores its decision for each state and percept counts.
+    """A deterministic policy that stores its decision for each state with its percept counts.
 
     Each search has its own random stream, so decisions do not depend on the order of trials.
     """

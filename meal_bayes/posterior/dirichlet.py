@@ -39,9 +39,9 @@ class ConfusionPosterior(ByValue):
         (P,E,2) Dirichlet precision s of the objects' own rows; inf if all objects have the same
         row.
     given_prior : NDArray[np.float64] | None
-        (P,E,2,K) prior Dirichlet parameters of the mean rows of pairs whose percepts come from the
-        robot's own detector; see `posterior.given`. The parameters are zero for all other pairs.
-        None if no pair has a detector.
+        (P,E,2,K) Dirichlet parameters of the prior for pairs whose percepts come from the robot's
+        own detector, and zero for all other pairs; see `posterior.given`. None if no pair has a
+        detector.
     telling : NDArray[np.float64] | None
         (P,E) probability that percepts of the pair carry information about the attribute; see
         `posterior.spike`. A pair without information has the same row for both truths. None if all
@@ -98,9 +98,11 @@ class ConfusionPosterior(ByValue):
         Parameters
         ----------
         counts : ArrayLike
-            Counts of percepts (P,E,2,K), or of each object (O,P,E,2,K), which are summed.
+            (P,E,2,K) counts of percepts, or (O,P,E,2,K) counts of the percepts of each object.
+            Counts of objects are summed.
         prior : ArrayLike
-            Total weight of a flat prior of each row, or its Dirichlet parameters (P,E,2,K).
+            Total weight of a flat prior for each row, or (P,E,2,K) Dirichlet parameters of the
+            prior.
         """
         array = np.asarray(counts)
         total = freeze(array.sum(axis=0) if array.ndim > _DIMENSIONS else array)
@@ -121,7 +123,7 @@ class ConfusionPosterior(ByValue):
         Parameters
         ----------
         counts : ArrayLike
-            Counts of the percepts of each object, (O,P,E,2,K).
+            (O,P,E,2,K) counts of the percepts of each object.
         prior : ArrayLike, optional
             Prior as in `from_counts`; then all pairs are treated as informative. By default, a
             prior for each behavior and truth is learned from the counts of all attributes, together
@@ -242,8 +244,8 @@ class ConfusionPosterior(ByValue):
         """Return rows (U,2,K) and precision of U pairs without the percepts of one object.
 
         The dispersion and the probability that a pair is informative do not change. The prior
-        changes only if you pass `prior`. At least 2 % of the weight of each level remains, because
-        the prior contributes to the weight.
+        changes only if you pass `prior`. The prior contributes to the weight of each level, so at
+        least 2 % of the weight remain.
 
         Parameters
         ----------
@@ -252,7 +254,8 @@ class ConfusionPosterior(ByValue):
         counts : NDArray[Any]
             (U,2,K) counts of the object's percepts, which were added before.
         prior : GradedPrior, optional
-            Learned prior of the rows of all pairs without a detector of the robot's own.
+            Learned prior of the rows, for all pairs whose percepts do not come from the robot's own
+            detector.
         """
         dispersion = self.dispersion[attribute, behavior]
         counted = self.concentration[attribute, behavior]

@@ -119,14 +119,15 @@ class _NoPercept(Exception):
 
 
 class OutcomeChecker:
-    """What a robot returns, checked: every outcome fits the domain, and has indices for names.
+    """Check of what a robot returns: every outcome fits the domain, and names become indices.
 
-    A state that a robot cannot be in raises `RobotError`. A modality that is missing, or not of
-    finite numbers, is left out, with a warning; one of another size than those learned from
-    (`sizes`, where known) is kept, but shows nothing. The percept is made from the others, and
-    where there are none the trial goes on without. Modalities that the behavior does not have are
-    left aside. The object has its index in the data set, or -1 where nothing is recorded of it.
-    What a detector says is compared with what was `heard` before.
+    A state in which a robot cannot be raises a `RobotError`. A modality is left out, with a
+    warning, if it is missing or if its features are not finite numbers. A modality with another
+    number of features than those that were learned (`sizes`, if known) is kept, but not used for
+    the percept. The percept is computed from the other modalities; if there are none, the trial
+    continues without a percept. Modalities that the behavior does not have are ignored.
+    `object_index` is the index of the object in the data set, or -1 if the object has no
+    recordings. Outputs of a detector are compared with its earlier outputs, `heard`.
     """
 
     def __init__(
@@ -145,15 +146,15 @@ class OutcomeChecker:
 
     @property
     def usual(self) -> TransitionArrays:
-        """How often behaviors succeed by the domain's diagram."""
+        """The domain's diagram as arrays, which say how often behaviors succeed."""
         return self._domain.diagram.compile(self._domain.behavior_names)
 
     def start(self, state: object) -> int:
-        """Return the index of x0, where a robot starts a trial; a `RobotError` if unknown."""
+        """Return the index of the robot's first state; raise a `RobotError` if it is unknown."""
         return state_index(self._domain.diagram.states, state, "start()")
 
     def execute(self, behavior: int, outcome: object) -> Execution:
-        """Return the checked outcome of a behavior; a `RobotError` if it has no known state."""
+        """Return the checked outcome of a behavior; an unknown state raises a `RobotError`."""
         spec = self._domain.behaviors[behavior]
         if not isinstance(outcome, Outcome):
             raise RobotError(

@@ -14,15 +14,16 @@ _PERCEPTS = 2  # of a behavior: used up soon
 def example_problems(seed: int = 0, *, known_rows: bool = False) -> Iterator[MOMDP]:
     """Yield small problems of several kinds, with random confusion matrices.
 
-    One to three attributes, two and four levels, costs and diagrams of the shipped domains;
-    percepts that run out, priors and percepts that are certain, agents that may abstain, rewards
-    that are discounted or not. Without `known_rows` also objects with rows of their own (finite
-    precision), and truths that share latent classes.
+    The problems have one to three attributes, two or four levels, costs and diagrams of the shipped
+    domains, and rewards with or without discount. In some problems percepts run out, priors and
+    percepts are certain, or the agent may abstain. Without `known_rows`, some problems also have
+    objects with confusion matrices of their own (finite precision), or truths that share latent
+    classes.
 
     Parameters
     ----------
     seed : int
-        Of the matrices.
+        Seed of the confusion matrices.
     known_rows : bool
         Whether to yield only problems that satisfy the paper's Eq. 8, for solvers that need it.
     """

@@ -42,9 +42,10 @@ def check_robot(
     Parameters
     ----------
     robot : Robot
-        An object with `start()` and `execute(behavior)`, and an object in front of it.
+        Driver with the methods `start()` and `execute(behavior)`. Put an object in front of the
+        robot.
     domain : str, path, mapping or Domain
-        As a `Learner` takes it: its attributes, behaviors and states.
+        Domain of the robot, as for `Learner`.
     trials, steps : int
         Number of trials, and maximum number of behaviors in each.
     seed : int

@@ -25,19 +25,19 @@ def check_solver(
 ) -> None:
     """Check a solver on problems of many kinds.
 
-    The solver must solve each problem, and decide for a legal behavior or an answer at every
-    belief, with values of the right shape. With equal generators it must repeat its decisions,
-    whatever it solved or decided before. It must not change the problem, the history, or NumPy's
-    global generator. The quality of decisions is not checked: a solver that never answers, or
-    always abstains, passes.
+    The solver must solve each problem. At every belief, it must choose a legal behavior or an
+    answer, and return values of the right shape. With equal random generators it must repeat its
+    decisions, whatever it solved or decided before. It must not change the problem, the history, or
+    NumPy's global generator. The quality of decisions is not checked: a solver that never answers,
+    or always abstains, passes.
 
     Parameters
     ----------
     solver : Solver
         An object with a method `solve(momdp, rng)`.
     problems : Iterable[MOMDP] | None
-        Problems to solve; `example_problems()` by default. Check a solver for one kind of problem
-        on that kind, such as `example_problems(known_rows=True)`.
+        Problems to solve; `example_problems()` by default. If the solver is made for one kind of
+        problem only, pass problems of this kind, such as `example_problems(known_rows=True)`.
     seed : int
         Seed of the simulated trials.
     steps : int

@@ -32,26 +32,28 @@ _WITHDRAWN = -1
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """Labels as a person told them of a trial, or of an object by its name.
+    """Labels that a person gave for a trial, or for an object by its name.
 
     Attributes
     ----------
     object_name : str
-        The object.
+        Name of the object.
     labels : Mapping[str, int]
-        By attribute 1 true, 0 false, or -1 where a label was taken back. What a value of a group
-        says of the others is among them.
+        Label of each attribute: 1 true, 0 false, or -1 if an earlier label was taken back. If the
+        label of a group's value implies labels of the other values, these are included.
     key : Key | None
-        Of the trial's task; None where the object was named, so that they are of all its trials.
+        Key of the trial's task. None if the labels are for an object by its name; they then apply
+        to all trials of the object.
     recordings : bool
-        Whether what the trial recorded was forgotten, with all labels that it had.
+        Whether the recordings of the trial were forgotten, together with all its labels.
     under_way : Mapping[Key, int]
-        Trials that were under way then, by their keys, with the number of steps that they had.
+        Number of steps so far of each trial that was in progress at that time, by the key of the
+        trial.
 
     Raises
     ------
     LogError
-        Values that are no labels, or a name that no object has.
+        A value is not a label, or the name of the object is not valid.
     """
 
     object_name: str
@@ -79,7 +81,7 @@ class Feedback:
         return ", ".join([*labels, "recordings forgotten"] if self.recordings else labels)
 
     def packed(self) -> bytes:
-        """Return the message."""
+        """Return the feedback as a message."""
         key = "" if self.key is None else task_key(self.key)
         labels = (LabelPart(name, int(label)) for name, label in self.labels.items())
         under_way = _under_way_parts(self.under_way)
@@ -90,7 +92,7 @@ class Feedback:
 
     @classmethod
     def unpacked(cls, data: bytes) -> "Feedback":
-        """Read a message."""
+        """Read feedback from a message."""
         message = decode(data, FeedbackMessage)
         labels = {part.attribute: part.label for part in message.labels}
         if len(labels) != len(message.labels):
@@ -102,26 +104,26 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change of a learner that no trial shows.
+    """A change of a learner that is not in the log of a trial.
 
-    All was learned anew, another agent decides, or its domain has one more attribute.
+    The learner was refitted, another agent decides, or the domain has one more attribute.
 
     Attributes
     ----------
     agent : str
-        Name of the agent that decides from then on.
+        Name of the agent that decides after the change.
     digest, before : str
-        Digests of that agent, and of the one that decided until then.
+        Digest of this agent, and digest of the agent that decided before the change.
     used : bool
-        Whether the learner had learned anything for the agent that decided until then.
+        Whether the learner had learned anything for the agent that decided before the change.
     refit : bool
-        Whether all was learned anew, by `Learner.refit`.
+        Whether the change is a refit by `Learner.refit`.
     added : str
-        The attribute, or group, that was added to the domain; "" for none.
+        Attribute or group that was added to the domain; "" if none was added.
     values : tuple[str, ...]
-        Of the group that was added.
+        Values of the group that was added; empty if no group was added.
     under_way : Mapping[Key, int]
-        As of `Feedback`.
+        As for `Feedback`.
     """
 
     agent: str
@@ -143,14 +145,14 @@ class Change:
         return f"the agent {self.agent} decides from then on"
 
     def packed(self) -> bytes:
-        """Return the message."""
+        """Return the change as a message."""
         values = {name.name: getattr(self, name.name) for name in fields(self)}
         values["under_way"] = _under_way_parts(self.under_way)
         return encode(ChangeMessage(**values))
 
     @classmethod
     def unpacked(cls, data: bytes) -> "Change":
-        """Read a message."""
+        """Read a change from a message."""
         message = decode(data, ChangeMessage)
         values = {name.name: getattr(message, name.name) for name in fields(message)}
         return cls(**{**values, "under_way": _steps_under_way(message.under_way)})

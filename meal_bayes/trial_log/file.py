@@ -240,35 +240,37 @@ def _is_recovered(file: Path) -> bool:
 
 
 class TrialWriter:
-    """Writes trials into one log, which gets the name `path` when it is whole.
+    """Writes trials into one log, which gets the name `path` when it is complete.
 
-    Until then the file is a draft, `active_path`, with a name that no other writer has. The
+    Until then the file is a draft with the name `active_path`, which no other writer has. The
     wall-clock seconds of the trials are written into `<stem>.timing.csv` beside the log, so that
     two equal runs write equal logs. If the `with` block ends by an exception, the draft stays.
 
-    When `write` returns, the trial has left the process, and `salvage` reads it whatever happens
-    next. The writer is a `Recorder` as well: `begin`, `step` and `end` each return when their
-    message is on disk.
+    When `write` returns, the trial has left the process, so `salvage` can read it even if the
+    process dies. The writer is a `Recorder` as well: `begin`, `step` and `end` each return when
+    their message is on disk.
 
     Parameters
     ----------
     path : str | Path
         File to write, with the ending .mcap. Missing folders are made.
     header : Mapping[str, object]
-        Description of the run, such as its settings, seed and Git commit, as JSON values.
-        `versions` is filled in.
+        Description of the run, such as its settings, seed and Git commit, as JSON values. The
+        writer adds the entry `versions`.
     form : str
         "full" for trials, "compact" for their outcomes, or "feedback".
     overwrite : bool
-        Whether a file with the name `path` is replaced when the log is whole.
+        Whether an existing file with the name `path` is replaced when the log is complete.
 
     Raises
     ------
     SettingsError
-        Another ending of `path`, a name of another form, or a header that JSON cannot hold.
+        `path` has another ending or is a name for another form of logs, or JSON cannot represent
+        the header.
     LogError
-        When the block begins: something has the name `path`. When it ends: another writer has
-        made a file with this name meanwhile, and the trials stay in the draft.
+        At the beginning of the block: something already has the name `path`. At the end of the
+        block: another writer has made a file with this name meanwhile, and the trials stay in the
+        draft.
 
     Examples
     --------
@@ -426,13 +428,13 @@ class TrialWriter:
             raise LogError(f"Trial {trials} cannot be logged: {fault}.") from fault
 
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
-        """Append one trial, and to the timing table the wall-clock seconds it took.
+        """Append one trial to the log, and its wall-clock seconds to the timing table.
 
         Raises
         ------
         LogError
-            The trial's arrays do not fit each other, and the file stays as it was; or the disk is
-            full, and the trials before stay in the draft.
+            The shapes or values of the trial's arrays do not fit its MOMDP; the file does not
+            change. Or the disk is full; the earlier trials stay in the draft.
         """
         self._put(self._next_encoder().whole(trial))
         self._count(trial, seconds)
@@ -440,7 +442,7 @@ class TrialWriter:
     def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float]) -> None:
         """Append outcomes to a compact log, and the wall-clock seconds of each trial.
 
-        `write` appends a trial with its steps, in its turn.
+        To append a trial with its steps, call `write` between two calls of this method.
         """
         for begin in range(0, len(outcomes), ROWS):
             rows = outcomes.rows(slice(begin, begin + ROWS))
@@ -451,7 +453,7 @@ class TrialWriter:
             self.written = self.written.after(rows)
 
     def write_feedback(self, feedback: Feedback | Change) -> None:
-        """Write what a person told, or changed of the learner, into a log of feedback."""
+        """Write labels from a person, or a change of the learner, into a log of feedback."""
         topic = FEEDBACK if isinstance(feedback, Feedback) else CHANGE
         self._put([Packed(topic, 0, feedback.packed())])
 
@@ -466,7 +468,7 @@ class TrialWriter:
         self._put(self._encoder.step(step), sync=True)
 
     def end(self, trial: Trial, *, sync: bool = True) -> None:
-        """Write the outcome of the trial that was begun; without `sync`, closing the log syncs."""
+        """Write the outcome of the begun trial; without `sync`, only closing the log syncs it."""
         self._put(self._encoder.end(trial), sync=sync)
         self._begun = False
         self._count(trial)
@@ -510,7 +512,8 @@ def write_trials(
     Raises
     ------
     LogError
-        The file exists already or cannot be written, or arrays of a trial do not fit each other.
+        The file exists already or cannot be written, or the shapes or values of a trial's arrays do
+        not fit the MOMDP of the trial.
 
     Examples
     --------
@@ -547,7 +550,7 @@ def _check_timing(path: Path) -> None:
 
 
 def read_seconds(path: str | Path) -> list[float]:
-    """Read the wall-clock seconds of a log's trials; none where no whole table is beside it."""
+    """Read the wall-clock seconds of a log's trials; none if no complete table is beside it."""
     log = checked_path("The log", path)
     try:
         rows = timing_of(log).read_text(encoding="utf-8").splitlines()[1:]
@@ -895,7 +898,7 @@ class TrialBuilder:
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """What can be read of a log."""
+    """Contents and faults of a log."""
 
     path: Path
     form: str  # "full", "compact" or "feedback"
@@ -909,12 +912,12 @@ class LogInfo:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is missing, and nothing was changed."""
+        """Whether nothing is missing and nothing was changed."""
         return not self.problems
 
 
 def read_outcomes(path: str | Path) -> TrialOutcomes:
-    """Read the outcomes of a whole log, of either form; errors as for `read_trials`."""
+    """Read the outcomes of a complete log, full or compact; errors as for `read_trials`."""
     return TrialOutcomes.join([outcomes for outcomes, _ in grouped(Scan(path))])
 
 
@@ -939,7 +942,7 @@ def grouped(
 
 
 def read_header(path: str | Path) -> dict[str, object]:
-    """Read what the run was (config, seed, versions), also from a torn file; errors as above."""
+    """Read the description of a run, also from a damaged log; errors as for `read_trials`."""
     builder = TrialBuilder()
     with opened(find_log(path)) as file:
         for record in read_records(file):
@@ -950,7 +953,7 @@ def read_header(path: str | Path) -> dict[str, object]:
 
 
 def log_info(path: str | Path) -> LogInfo:
-    """Read what a whole log holds; every byte is checked, no trial decoded; errors as above."""
+    """Check every byte of a complete log, and return its contents; errors as for `read_trials`."""
     path = find_log(path)
     builder = TrialBuilder()
     header = read_header(path)
@@ -1048,7 +1051,7 @@ class Scan:
 
 
 def check_log(path: str | Path) -> LogInfo:
-    """Read a file to its end and report its contents and faults; damage does not raise."""
+    """Read a file to its end and report its contents and faults; damage raises no error."""
     scan = Scan(path, tolerant=True)
     deque(scan.entries(), maxlen=0)
     header = scan.builder.header or {}
@@ -1067,10 +1070,10 @@ def check_log(path: str | Path) -> LogInfo:
 
 
 def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
-    """Read every whole trial of a file, even of a torn one, and pass over damaged parts.
+    """Read every complete trial of a file, even of a damaged one, and skip damaged parts.
 
-    For a compact log it yields the outcomes in each message. A trial without an outcome at the end
-    of the file is yielded last, as far as it went; its `ended` says so.
+    For a compact log, the function yields the outcomes in each message. If the last trial in the
+    file has no outcome, it is yielded with its steps so far; its `ended` says so.
 
     Raises
     ------
@@ -1085,16 +1088,17 @@ def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
 
 
 def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
-    """Write the trials of a torn file, as `salvage` reads them, into a new file; return its path.
+    """Write the trials that `salvage` reads into a new file, and return the path of this file.
 
-    The new file is `<stem>.recovered.mcap` beside the torn one, or `out`; its header is that of the
-    torn file with `recovered_from`. The torn file is not changed. Readers of a folder use the
-    recovered file only if the log itself and its drafts are gone.
+    The new file is `out`, or by default `<stem>.recovered.mcap` beside the damaged file. Its header
+    is that of the damaged file, with the additional entry `recovered_from`. The damaged file does
+    not change. Readers of a folder use the recovered file only if the log itself and its drafts are
+    gone.
 
     Raises
     ------
     LogError
-        `out` exists; and as for `salvage`.
+        `out` exists already, or `salvage` raises the error.
     """
     scan = Scan(path, tolerant=True)
     beside = scan.path.with_name(f"{stem_of(scan.path)}{RECOVERED}{SUFFIX}")

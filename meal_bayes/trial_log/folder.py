@@ -106,10 +106,10 @@ def _times_in(folders: Iterable[Path], since: str) -> Iterator[str]:
 def log_files(path: str | Path) -> list[Path]:
     """Find the logs of a run: the file itself, or all logs of a folder in the order of their names.
 
-    Each log is found once: as the whole file, else as its largest draft, else as its recovered
-    file. Hidden files and folders, such as `._run.mcap`, are passed over. The same holds for the
-    name of a log that does not exist (`find_log`). Logs of feedback hold no trials, and are not
-    found in a folder.
+    Each log is found once: as the complete file; without this, as its largest draft; without
+    drafts, as its recovered file. The path of a log that does not exist is looked up in the same
+    way (`find_log`). Hidden files and folders, such as `._run.mcap`, are skipped. Logs of feedback
+    contain no trials, and are not found in a folder.
 
     Raises
     ------
@@ -161,9 +161,9 @@ def feedback_name(folder: Path, name: str) -> Path:
 def write_feedback(
     folder: Path, feedback: Feedback | Change, *, header: Mapping[str, object]
 ) -> Path:
-    """Write what a person told, or changed, into a new log of a folder; return the log's path.
+    """Write labels or a change of the learner into a new log of a folder; return its path.
 
-    When this returns, the log is whole on disk. Several processes may write at once.
+    When the function returns, the log is complete on disk. Several processes may write at once.
 
     Parameters
     ----------
@@ -195,10 +195,10 @@ def write_feedback(
 
 
 def read_feedback(path: str | Path) -> list[Feedback | Change]:
-    """Read what people told, from a log of feedback or from all such logs of a folder, in order.
+    """Read a log of feedback, or all such logs of a folder, and return the entries in order.
 
-    Changes of a learner (all learned anew, another agent) are among them. Errors are those of
-    `read_trials`; the list may be empty for a folder.
+    Entries are labels that people gave, and changes of a learner (such as a refit or another
+    agent). Errors are those of `read_trials`. For a folder, the list may be empty.
     """
     log = checked_path("The log", path)
     files = feedback_files(log) if log.is_dir() else [log]
@@ -386,7 +386,7 @@ class Copies:
 
 
 class Group(NamedTuple):
-    """Trials that stand next to each other in a file."""
+    """Consecutive trials of a file."""
 
     header: dict[str, object]
     file: Path
@@ -425,12 +425,12 @@ def _rows(group: Group, chosen: Bools) -> Group:
 
 
 class Logs:
-    """One or more logs, damaged ones included: faults are noted, whole trials are read.
+    """Reader of one or more logs, also damaged ones: it notes faults and reads complete trials.
 
-    A unit that several files hold, such as a draft and a later run of it, is read once, and so is a
-    trial of which there are copies under other names; `copies` says which those are. Trials have
-    the truth that was told of them since, by the logs of feedback in their folder and the one above
-    it.
+    If several files contain the same unit, such as a draft and a later run, the unit is read once.
+    If files with other names contain copies of a trial, the trial is read once, and `copies` names
+    these files. The truth of a trial includes labels that people gave after the trial. These labels
+    are in logs of feedback in the folder of the trial and in the folder above it.
 
     Parameters
     ----------
@@ -440,7 +440,7 @@ class Logs:
     Raises
     ------
     LogError
-        A path that is not there, or a folder without logs; no path.
+        A path does not exist, a folder contains no log, or no path is given.
     """
 
     def __init__(self, *paths: str | Path) -> None:
@@ -455,7 +455,7 @@ class Logs:
 
     @property
     def header(self) -> dict[str, object]:
-        """What the run was, as the first file with a header says; empty where none has one."""
+        """Description of the run from the first file that has a header; empty if none has one."""
         return next((header for header in self._headers if header), {})
 
     @cached_property
@@ -473,19 +473,19 @@ class Logs:
         Raises
         ------
         LogCorruptError
-            There is not one trial that can be read, in files that are damaged.
+            Files are damaged, and not one trial can be read.
         LogError
-            There is no trial in them, though they are sound; files of several data sets, or of
-            different runs with equal settings.
+            The files are not damaged, but contain no trial; or they belong to several data sets, or
+            to different runs with equal settings.
         LogVersionError
-            A file of another format version.
+            A file has another format version.
         """
         return self._groups(begun=False)
 
     def begun(self) -> Iterator[Group]:
-        """Yield the groups with what a learner began and has not ended, as far as it went.
+        """Yield the groups, including trials that a learner began and that have not ended.
 
-        That is a trial whose process died, or is under way. Errors are those of `groups`.
+        The process of such a trial has died or is still running. Errors are those of `groups`.
         """
         return self._groups(begun=True)
 
@@ -556,14 +556,14 @@ class Logs:
         return group._replace(outcomes=TrialOutcomes.of(trials), trials=tuple(trials))
 
     def feedback_in(self, folder: Path) -> FeedbackIndex:
-        """Return what people told of the trials of a folder, as far as it can be read."""
+        """Return the feedback on the trials of a folder, as far as it can be read."""
         if folder not in self._feedback:
             files = feedback_of(folder)
             self._feedback[folder] = FeedbackIndex(readable_feedback(files, self.problems.append))
         return self._feedback[folder]
 
     def told(self) -> list[tuple[str, Feedback | Change]]:
-        """Return what people told, or changed, in all folders, in order, with its logs' names."""
+        """Return labels and changes from all folders, in order, each with the name of its log."""
         folders = {file.parent for file in self.files}
         feedback_logs = (file for folder in folders for file in feedback_of(folder))
         files = {file.resolve(): file for file in feedback_logs}.values()
@@ -607,12 +607,12 @@ class Logs:
 
 
 class Follower:
-    """Follows a file, or every file of a folder, from its beginning on.
+    """Reader that follows a growing file, or every file of a folder, from the beginning.
 
-    `poll` yields what has been flushed since the last call. A file that gets its final name while
-    it is read stays open, so nothing of it is missed or read twice; what an earlier draft of a log
-    held is not yielded again, nor what another file held, as copies do. A damaged file is noted in
-    `problems` and followed no further; a compact log, which holds no steps, is passed over.
+    `poll` yields the trials that were written since the last call. A file that gets its final name
+    while it is read stays open, so no trial is missed or read twice. A trial that was read from an
+    earlier draft or from a copy is not yielded again. A damaged file is noted in `problems` and no
+    longer followed. A compact log, which contains no steps, is skipped.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -634,7 +634,7 @@ class Follower:
         return bool(self._tails) and all(tail.file.closed for tail in self._tails.values())
 
     def poll(self) -> Iterator[Trial]:
-        """Yield the whole trials that have come since the last call."""
+        """Yield the complete trials that were written since the last call."""
         with contextlib.suppress(LogError, FileNotFoundError):  # to come, gone, or renamed since
             for path in log_files(self.path):
                 state = path.stat()

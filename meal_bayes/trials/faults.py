@@ -103,7 +103,7 @@ def without(momdp: MOMDP, failing: NDArray[np.bool_], stuck: NDArray[np.bool_]) 
 
 @dataclass(slots=True)
 class FaultTolerant:
-    """A policy that is made anew, without them, when behaviors turn out to fail in a trial."""
+    """Policy that is solved again, without failing behaviors, if behaviors fail in a trial."""
 
     momdp: MOMDP
     policy: Policy  # of this problem
@@ -112,7 +112,7 @@ class FaultTolerant:
     _failing: NDArray[np.bool_] | bool = False  # (E,), or none yet
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the next action among what works; warn of what begins to fail."""
+        """Choose the next action without relying on failing behaviors; warn of new ones."""
         failing, stuck = faults_of(self.momdp, history, self.usual)
         if (failing != self._failing).any():
             senses = np.asarray(self.momdp.observation_probability.any(axis=(1, 2)))

@@ -41,42 +41,44 @@ class Run(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialOutcomes:
-    """Outcomes of n trials; N is the largest number of attributes asked in one of them.
+    """Outcomes of n trials; N is the largest number of attributes in a question.
 
-    A row with fewer attributes ends in attribute "", truth -1, report -1 and belief NaN.
+    A row with fewer attributes is padded with attribute "", truth -1, report -1 and belief NaN.
 
     Attributes
     ----------
     behaviors : tuple[str, ...]
         Names of the E behaviors.
     agent, key, object_name, ended : Texts
-        (n,) names of agents; what names the task, in JSON, by which trials of two agents are
-        paired; names of objects, the clusters of standard errors; why a trial was broken off, ""
-        where it was not.
+        (n,) four texts for each trial: the name of the agent; the key of the task in JSON, by which
+        trials of two agents are paired; the name of the object, which is the cluster of standard
+        errors; and why the trial was broken off, or "".
     object_index : NDArray[np.int64]
-        (n,) places in the data set; -1 of an object without recordings.
+        (n,) index of each trial's object in the data set; -1 for an object without recordings.
     attribute : Texts
-        (n,N) names of the attributes asked, of those of a group as in "fill: half";
-        of yes or no the event, as in "red and not empty".
+        (n,N) name of each queried attribute; a value of a group is named as in "fill: half". For a
+        yes-or-no question it is the event, as in "red and not empty".
     truth, report : NDArray[np.int8]
-        (n,N) 1 true, 0 false, -1 unknown, or where the agent abstained.
+        (n,N) true and reported value of each attribute: 1 true, 0 false, -1 if the truth is unknown
+        or there is no report.
     positive : NDArray[np.float64]
-        (n,N) final belief in "true".
+        (n,N) probability that each attribute is true, by the final belief.
     cost, reward : NDArray[np.float64]
-        (n,) s, Eq. 6; unshaped and undiscounted, NaN where it is unknown.
+        (n,) cost of each trial in seconds (Eq. 6), and its reward without exploration bonus and
+        discount. The reward is NaN if it is unknown.
     steps : NDArray[np.int64]
-        (n,) actions, a report included.
+        (n,) number of actions in each trial, including the report.
     executed, failed : NDArray[np.int64]
-        (n,E) executions of each behavior, and of these without a percept (all, where it never
-        senses).
+        (n,E) number of executions of each behavior, and number of these executions that gave no
+        percept (all of them, if the behavior never senses).
     certainty : NDArray[np.float64]
-        (n,) Pr(most probable values) by the agent's final belief; by default, as of logs that do
-        not have it, that of independent attributes.
+        (n,) probability of the most probable values, by the agent's final belief. By default, as
+        for logs without this column, it is computed as if attributes were independent.
 
     Raises
     ------
     SettingsError
-        Columns that do not fit each other, or values that no trial has.
+        Shapes of columns do not agree, or a column has a value that no trial can have.
     """
 
     behaviors: tuple[str, ...]
@@ -135,7 +137,7 @@ class TrialOutcomes:
 
     @classmethod
     def of(cls, trials: "Trials") -> "TrialOutcomes":
-        """Compute the outcomes of trials; those of a run are read, and outcomes are as they are."""
+        """Return outcomes: computed from trials, read from a run, or passed on unchanged."""
         if isinstance(trials, TrialOutcomes):
             return trials
         if isinstance(trials, Run):
@@ -145,7 +147,7 @@ class TrialOutcomes:
 
     @classmethod
     def join(cls, parts: Sequence["TrialOutcomes"]) -> "TrialOutcomes":
-        """Append rows to each other; fewer attributes are padded, behaviors matched by name."""
+        """Join rows of several outcomes; pad missing attributes, and match behaviors by name."""
         return cls._stack(
             [(part.behaviors, {name: getattr(part, name) for name in _SHAPES}) for part in parts]
         )
@@ -172,7 +174,7 @@ class TrialOutcomes:
         return cls(behaviors=behaviors, **whole)
 
     def rows(self, chosen: Any) -> "TrialOutcomes":
-        """Return some rows, by a mask (n,), a slice, or indices."""
+        """Return the rows that a mask (n,), a slice or indices select."""
         columns = {name: getattr(self, name)[chosen] for name in _SHAPES}
         return TrialOutcomes(self.behaviors, **columns)
 
@@ -192,18 +194,18 @@ class TrialOutcomes:
 
     @property
     def judged(self) -> Bools:
-        """Whether the trial came to its end and its truth is known, (n,)."""
+        """Whether the trial was not broken off and its truth is known, (n,)."""
         truths_known = (self.truth >= 0) | (self.attribute == "")
         return np.asarray((self.ended == "") & truths_known.all(axis=1))
 
     @property
     def success(self) -> NDArray[np.int8]:
-        """Eq. 5, (n,): 1 where the report is right in every attribute, 0, or -1 if not judged."""
+        """Success by Eq. 5, (n,): 1 if the whole report is right, 0 if not, -1 if not `judged`."""
         right = self.answered & (self.report == self.truth).all(axis=1)
         return np.where(self.judged, right, -1).astype(np.int8)
 
     def beliefs(self) -> tuple[NDArray[np.float64], Bools]:
-        """Return final beliefs and known truths of the trials that came to their end, (M,) each."""
+        """Return final beliefs and known truths of trials that were not broken off, (M,) each."""
         rows = (self.truth >= 0) & (self.ended == "")[:, None]
         return self.positive[rows], self.truth[rows] == 1
 
@@ -211,7 +213,7 @@ class TrialOutcomes:
 class BatchOutcomes(NamedTuple):
     """Test trials after a batch of an online run; batch 0 is before any training.
 
-    `hours` is the exploration before it: the summed cost of the training trials.
+    `hours` is the time of exploration before these tests: the summed cost of training trials.
     """
 
     agent: str

@@ -99,7 +99,7 @@ class Step(ByValue):
 
     @property
     def unread(self) -> bool:
-        """Whether the robot returned features or answers, and none could be read."""
+        """Whether the robot returned features or answers of which none could be read."""
         return self.observation is None and self.warning.startswith(NO_PERCEPT)
 
 

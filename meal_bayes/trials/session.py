@@ -191,8 +191,8 @@ class Session:
     on_end : Callable[[Trial], None] | None
         Called once with the trial when it has ended, whatever the reason.
     on_lost : Callable[[], None] | None
-        Called if the trial ends after `behavior` was read and before its outcome is observed, if
-        this behavior can change the state.
+        Called if the trial ends after `behavior` was read and before its outcome is observed. It is
+        called only if this behavior can change the state.
 
     Examples
     --------

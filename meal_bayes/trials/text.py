@@ -30,18 +30,18 @@ _SAME = 1e-9  # probabilities that differ by less are equal
 
 
 def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[str]:
-    """Return the percept of each question by name; of a group the value that it speaks for.
+    """Return the percept of each attribute in words; for a group, the value that it favors.
 
-    A percept "says nothing" if all its levels are as likely of true objects as of false ones.
+    A percept "says nothing" if true and false objects have the same probability of each level.
 
     Parameters
     ----------
     momdp : MOMDP
-        Its rows say which percepts inform.
+        Decision problem. Its confusion matrices show which percepts carry information.
     behavior : int
-        Index of the behavior that sensed it.
+        Index of the behavior that gave the percepts.
     observation : ArrayLike
-        (N,) levels, 0 to K - 1, or -1 where nothing came of an attribute.
+        (N,) percept level of each attribute, from 0 to K - 1, or -1 if there is no percept.
     """
     check_place("behavior", behavior, momdp.n_behaviors)
     percept = whole_array("observation", observation, len(momdp.query)).tolist()
@@ -207,9 +207,9 @@ def together_text(momdp: MOMDP) -> str:
 
 
 def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
-    """Return the known truths (N,) by name, and "unknown" where one of them is not known.
+    """Return the known truths (N,) in words, with "unknown" if any truth is unknown.
 
-    Of a group only the value that is true is named.
+    If the true value of a group is known, only this value of the group is named.
     """
     truth = label_values(truth)
     if truth.shape != (len(query),):
@@ -330,9 +330,9 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
 def trials_frame(trials: Iterable[TrialRecord]) -> "pd.DataFrame":
     """Return trials as a pandas data frame, a row for each trial.
 
-    Columns are agent, task, object, query, report, truth (the values named true, or missing),
-    success (missing where the truth is not known), abstained, cost_s, reward, steps, certainty, the
-    belief in what was reported, and warnings.
+    Columns are agent, task, object, query, report, truth and success (missing if the truth is not
+    known), abstained, cost_s (in seconds), reward, steps, certainty (the probability of the most
+    probable values) and warnings.
     """
     import pandas as pd  # noqa: PLC0415  takes half a second
 

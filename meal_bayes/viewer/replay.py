@@ -32,12 +32,12 @@ class Replay:
     Parameters
     ----------
     stream : rr.RecordingStream
-        Connected to a file or a viewer.
+        Stream that is connected to a file or a viewer.
     header : Mapping[str, object]
-        Configuration of the run, as the log holds it.
+        Configuration of the run, as in the header of its log.
     only : int | None
-        Position of the one trial that is shown step by step; all of them by default. The run's
-        plots count every trial in either case.
+        Number of the only trial that is shown step by step. By default all trials are shown. The
+        plots of the run contain all trials in either case.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Replay:
             self._recorder.flush()
 
     def add_outcomes(self, outcomes: TrialOutcomes) -> None:
-        """Add trials of a compact log, which has no steps: a row each, in the run's plots."""
+        """Add trials without steps, as in a compact log; each is a row in the run's plots."""
         clock = self._clock
         ends = enumerate(np.cumsum(outcomes.cost).tolist())
         times = [Time(self.trials + i, clock.row + i, clock.seconds + end) for i, end in ends]
@@ -185,11 +185,12 @@ def send_recording(
     Parameters
     ----------
     trials : Iterable[Trial | TrialOutcomes]
-        Outcomes, of which a compact log consists, are shown in the run's plots only.
+        Trials with their steps. Outcomes without steps, as in a compact log, are shown only in the
+        plots of the run.
     header, only
-        As of `Replay`.
+        As for `Replay`.
     frames : Sequence[Frame]
-        Of the robot in the first trial.
+        Geometry of the robot and its surroundings in the first trial.
     """
     with recording(name, to) as stream:
         replay = Replay(stream, header, only=only)
@@ -215,16 +216,18 @@ def follow(
     Parameters
     ----------
     path : str | Path
-        File (also under the name it has while it is written) or folder; it may still be to come.
+        A file, also under the name that it has while it is written, or a folder. It need not exist
+        yet.
     watching : Callable[[], bool]
-        Polled; following ends when it returns False, or when all files have ended.
+        Function that is called again and again. Following ends when it returns False, or when all
+        files have ended.
     on_trials : Callable[[int], None] | None
         Called with the number of trials so far, when there are new ones.
 
     Returns
     -------
     Follower
-        Its `problems` are what was wrong with the files.
+        The follower; its `problems` are the faults of the files.
     """
     follower = Follower(path)
     replay = None

@@ -37,30 +37,30 @@ _DYING = 5.0  # s that a program which broke off a connection may take to end
 
 
 class ViewerError(MealBayesError):
-    """The viewer does not start, or shows nothing."""
+    """Error raised if the viewer does not start, or shows nothing."""
 
 
 class Viewer:
     """The viewer as a process of its own, which ends with the `with` block.
 
-    It shows a window, a page (`web`), or nothing: `headless` it needs a Vulkan driver, which may be
-    one in software.
+    The viewer opens a window, serves a page (`web`), or does neither (`headless`). A headless
+    viewer needs a Vulkan driver, for example one in software.
 
     Parameters
     ----------
     arguments : Sequence[str | Path]
         Files to open and options of rerun's command line.
     headless : bool
-        Whether it runs without a window, for pictures.
+        Whether the viewer runs without a window, for pictures.
     web : bool
-        Whether it serves a page for a browser.
+        Whether the viewer serves a page for a browser.
     size : tuple[int, int]
         Width and height of the picture of a headless viewer, pixels.
 
     Attributes
     ----------
     url, address : str
-        Where recordings are sent, and where the page is, if there is one.
+        Address to which recordings are sent, and address of the page, or "" without a page.
     """
 
     def __init__(
@@ -106,11 +106,11 @@ class Viewer:
 
     @property
     def running(self) -> bool:
-        """Whether the process runs."""
+        """Whether the process of the viewer runs."""
         return self._process.poll() is None
 
     def wait(self) -> None:
-        """Wait until the user closes it; raise a `ViewerError` if it ended with one."""
+        """Wait until the user closes the viewer; raise a `ViewerError` if it fails."""
         if not self._process.wait():
             return
         self._errors.seek(0)
@@ -129,11 +129,11 @@ class Viewer:
         raise ViewerError(f"{reason} {_OTHER_WAYS}.")
 
     def wait_until_ready(self) -> None:
-        """Wait until it listens; raises as `wait` does."""
+        """Wait until the viewer accepts connections; errors as for `wait`."""
         self._until(lambda: socket.create_connection((HERE, self._port), timeout=1).close())
 
     def client(self) -> ViewerClient:
-        """Return a client that controls it, once it is ready; raises as `wait` does."""
+        """Return a client that controls the viewer, once it is ready; errors as for `wait`."""
         self.wait_until_ready()
         client = self._until(lambda: ViewerClient.connect(self.url))
         self._until(client.get_state)
@@ -151,7 +151,7 @@ class Viewer:
                 time.sleep(_POLL)
 
     def explain(self, fault: Exception) -> NoReturn:
-        """Raise why it ended, or that it does not answer."""
+        """Raise an error that says why the viewer ended, or that it does not answer."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_DYING)
             self.wait()
@@ -166,10 +166,10 @@ class Viewer:
 def take_picture(recording: str | Path, *, row: int = 0, size: tuple[int, int] = _SIZE) -> bytes:
     """Return a picture (PNG) of a recording at a row of the timeline `step`, without a window.
 
-    `size` is its width and height in pixels.
+    `size` is the width and height of the picture in pixels.
 
-    A `ViewerError` is raised where the viewer does not start (no Vulkan driver), or its picture
-    never settles.
+    A `ViewerError` is raised if the viewer does not start (without a Vulkan driver), or if the
+    picture never stops changing.
     """
     path = checked_path("The recording", recording).resolve()
     with Viewer(headless=True, size=size) as viewer:

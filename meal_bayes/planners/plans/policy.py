@@ -21,10 +21,11 @@ class OpenLoop:
 
     The value of a plan is computed as if percepts could not change it. Planning again after a
     percept can only improve the policy, so the value of the best plan is a lower bound on the
-    optimal value. After an outcome that is not the most probable one, a plan returns and tries
-    again (see `paths`). The planner works for any MOMDP and takes microseconds for a decision. If
-    attributes are dependent (such as values of a group), it values plans by all possible percepts,
-    or by samples of them, in milliseconds.
+    optimal value. After an outcome that is not the most probable one, a plan returns to the earlier
+    state and tries the behavior again (see `paths`). The planner works for any MOMDP and takes
+    microseconds for a decision. If attributes are dependent (such as values of a group), it
+    computes the values of plans from all possible percepts, or from samples of them; this takes
+    milliseconds.
 
     Attributes
     ----------

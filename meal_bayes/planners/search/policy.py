@@ -66,9 +66,9 @@ class POMCP:
         search; the number is then the number of samples (at least 256) that estimate the values of
         open-loop plans.
     milliseconds : float | None
-        Limit of the CPU time of a decision in milliseconds, in place of a number of simulations. If
-        earlier simulations in the same state took longer than the limit, the planner makes none and
-        executes the best open-loop plan.
+        Limit of the CPU time of a decision in milliseconds; it replaces the number of simulations.
+        If earlier simulations in the same state took longer than the limit, the planner makes none
+        and executes the best open-loop plan.
     exploration : float
         Exploration constant c of UCB1, as a fraction of the difference between the rewards of a
         right and a wrong report. The search uses 0 instead if a table gives the values of leaves.

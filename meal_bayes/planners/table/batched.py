@@ -60,18 +60,20 @@ def batched_value_iteration(
         Problem with one attribute and without bonus. Its diagram, costs, discount and rewards are
         used for all problems; its confusion matrices are not used.
     rates : Floats
-        (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
+        (B,E,2) rates of each problem and behavior, Pr(yes | false) and Pr(yes | true). Equal rates
+        carry no information.
     prior : Floats
-        (B,) or (B,R) Pr(the attribute is true). More priors of a problem take no more time.
+        (B,) prior Pr(attribute is true) of each problem, or (B,R) with R priors of each problem.
+        More priors take no more time.
     worse : Bools, optional
-        (B,) problems whose values are lower bounds for the problems that follow, up to the next
-        such problem; the following problems start from these values. By default, each problem
-        starts from the value of answering at once.
+        (B,) True for a problem whose values are lower bounds for the problems after it, up to the
+        next True. Value iteration of those problems starts from these values. By default, each
+        problem starts from the value of answering at once.
 
     Returns
     -------
     Floats
-        (B,) or (B,R) values at the priors.
+        (B,) or (B,R) value of each problem at each of its priors.
     """
     prior = np.asarray(prior, float)
     if prior.ndim < 2:

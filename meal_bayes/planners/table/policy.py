@@ -83,7 +83,8 @@ class Factored:
     points : int
         Maximum number of grid points.
     tolerance : float
-        An axis is refined until this improves the bound by less than this fraction of r+ - r-.
+        An axis of the grid is refined until one more refinement improves the bound by less than
+        this fraction of r+ - r-.
     work : float
         Maximum number of multiplications, which limits the size of grids; 1e9 take about .25 s.
 
