@@ -64,7 +64,7 @@ class Query:
     group_names : tuple[str, ...]
         Name of each group; by default a list of its values, such as "empty, half or full".
     event : Event | None
-        Event whose truth a yes-or-no question asks for; None if the question asks for the values of
+        Event about which a yes-or-no question asks; None if the question asks for the values of
         attributes.
     payoffs : Payoffs | None
         Payoffs of a yes-or-no question or of a question about one attribute; None if the question

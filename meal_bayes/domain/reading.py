@@ -213,7 +213,7 @@ def read_question(
     question : str | Sequence[str]
         A sentence, or names of attributes and groups.
     domain : str, path, mapping or Domain
-        Domain, as for `Learner`, whose attributes, groups and synonyms the question may contain.
+        Domain, as for `Learner`. The question may contain its attributes, groups and synonyms.
     answer : str
         Kind of answer: "values" or "yes or no".
     payoffs : Sequence[float] | None
@@ -361,7 +361,7 @@ def read_event(
     question : str | Sequence[str]
         Question, such as "Is it red and not empty?".
     domain : str, path, mapping or Domain
-        Domain, as for `Learner`, whose attributes, groups and synonyms the question may contain.
+        Domain, as for `Learner`. The question may contain its attributes, groups and synonyms.
     payoffs : Sequence[float] | None
         Rewards of a right yes, a wrong yes, a right no and a wrong no, s. By default they are those
         of the learner or the domain.

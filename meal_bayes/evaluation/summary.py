@@ -281,8 +281,8 @@ def comparisons(
     measure : str
         Quantity to compare: "reward", "cost", "success" or "abstained".
     reference : str | None
-        Agent with which the others are compared. By default it is the paper's agent, or the first
-        agent if there is none of the paper.
+        Agent with which the others are compared. By default it is the paper's agent; if that is
+        absent, it is the first agent.
 
     Returns
     -------
