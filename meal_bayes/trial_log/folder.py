@@ -525,7 +525,7 @@ class Logs:
             raise LogError(f"{self.files[0]} contains no trial yet.")
 
     def trials(self) -> Iterator[Trial]:
-        """Yield the trials of all files except compact logs; errors are those of `groups`."""
+        """Yield all trials whose steps are in the files; errors are those of `groups`."""
         for group in self.groups():
             yield from group.trials
 
