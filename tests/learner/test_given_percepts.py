@@ -37,7 +37,7 @@ def met(learner, *, red, **options):
 
 def test_a_detector_that_was_right_twelve_times_is_looked_at_on_the_thirteenth_cup():
     """Of twelve cups none was red, so that no label says what it shows of red ones."""
-    learner = Learner(KITCHEN, reward=100, logs=None)
+    learner = Learner(KITCHEN, reward=300, logs=None)
     assert all(met(learner, red=False)[0] for _ in range(12))
     looks, trial = met(learner, red=True)
     assert looks > 0
