@@ -229,11 +229,12 @@ def losses_block(kept: Kept) -> str:
     )
     return (
         f"{LOSSES_PICTURE}\n\nThe figure shows where the reward of 500 is lost, by "
-        f"`{kept['command']}`. Unlimited training objects would add up to "
-        f"{data['data']:.0f} ± {data['data_se']:.0f} s ({question(data)}), extrapolated from the "
-        "gain of the second half of the objects. Better plans would add up to "
+        f"`{kept['command']}`. Unlimited training objects would increase the mean "
+        f"reward by at most {data['data']:.0f} ± {data['data_se']:.0f} s ({question(data)}), "
+        "extrapolated from the gain of the second half of the objects. Better plans would "
+        "increase it by at most "
         f"{plans['plans']:.0f} ± {plans['plans_se']:.0f} s ({question(plans)}). Better sensors "
-        f"would bring the rest, up to {sensors['sensors']:.0f} ± {sensors['sensors_se']:.0f} s "
+        f"would bring the rest, at most {sensors['sensors']:.0f} ± {sensors['sensors_se']:.0f} s "
         f"({question(sensors)})."
     )
 

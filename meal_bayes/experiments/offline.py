@@ -363,7 +363,8 @@ def run_offline(
         Number of processes. Under another backend of joblib, such as
         `joblib.parallel_config("dask")`, the workers of a cluster run the trials.
     fresh : bool
-        Whether to run finished parts again. Each new part replaces the old one when it is done.
+        Whether to run finished parts again. When a new part is complete, it replaces the old
+        one.
     on_progress : Callable[[float, int], None] | None
         Called once a second from a thread with the number of finished trials and the number of all
         trials. If workers run on other machines, it is called after every 100 trials.

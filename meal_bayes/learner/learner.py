@@ -1018,8 +1018,8 @@ class Learner:
         DomainError
             The domain already has the name, or the name is not valid.
         SettingsError
-            The learner has a percept table or a posterior of your own, to which no attribute can be
-            added.
+            The learner uses a percept table or your own posterior. No attribute can be added to
+            either.
 
         Examples
         --------
