@@ -332,7 +332,7 @@ class Learner:
             return self._fits.held_out(self.table, self.agent, o).knowledge
 
     def fitted(self, agent: Agent) -> Online:
-        """Return what an agent learns from the experience; the first call fits the agent."""
+        """Return what an agent learns from the experience; a later call does not fit it again."""
         with self._lock:
             return self._fits.of(agent)
 
@@ -1215,7 +1215,7 @@ class Learner:
             File to write. An existing file is replaced only if this learner was the last to load or
             save it, or with `overwrite=True`.
         overwrite : bool
-            Whether to replace any existing file.
+            Whether to replace the file in every case.
 
         Raises
         ------

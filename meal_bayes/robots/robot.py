@@ -87,7 +87,7 @@ class Robot(Protocol):
     def execute(self, behavior: str) -> Outcome:
         """Execute a behavior, given by its name, and return its outcome.
 
-        If the behavior fails, return the state in which the robot is, without features. An
+        If the behavior fails, return only the present state of the robot and no features. An
         exception ends the trial.
         """
         ...

@@ -152,9 +152,10 @@ def _alone(
 class Session:
     """A trial in progress (Algorithm 1, lines 6-11), whose loop over behaviors is your own code.
 
-    Used as a context manager, a session ends the trial when the block is left. If there is no
-    answer by then, the record of the trial says why; exceptions are raised again. Any thread may
-    call the methods, but only one thread at a time.
+    Used as a context manager, a session ends the trial when the `with` block is left. If the robot
+    has not answered by then, the record of the trial says why. An exception that leaves the block
+    is recorded and reaches the caller. Any thread can call the methods, but only one thread at a
+    time.
 
     Parameters
     ----------
