@@ -303,7 +303,7 @@ class Domain:
         Raises
         ------
         QueryError
-            Two values of a group are true, or all are false.
+            More than one value of a group would be true, or all would be false.
         """
         after = np.where(new >= 0, new, row).astype(np.int8)
         for group, members in self.groups.items():

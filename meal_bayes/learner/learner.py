@@ -1116,8 +1116,8 @@ class Learner:
         Parameters
         ----------
         trial : Trial or str
-            A trial; or the name of an object that got labels by its name or together with
-            recordings.
+            A trial, or the name of an object. Such an object must have labels that were given for
+            its name or together with recordings.
         recordings : bool
             Whether to remove the recordings and failures of the trial too. The learner then refits
             as if the trial had never taken place.
