@@ -179,6 +179,13 @@ def test_a_block_that_other_code_made_fails_a_release_and_is_named(readme, fresh
     assert readme.measurements_of(["summary"], again=True) == list(readme.RUNS)
 
 
+def test_a_block_names_the_code_that_ran_if_its_rows_were_carried_over(readme, monkeypatch):
+    rows = readme.kept()
+    rows["online"] |= {"code": "now", "same_as": ["ran", "between"]}
+    monkeypatch.setattr(readme, "kept", lambda: rows)
+    assert readme.shown("online").endswith("Made by code `ran`.")
+
+
 def test_a_block_that_is_not_what_was_measured_fails_every_check(readme, monkeypatch, capsys):
     monkeypatch.setattr(readme, "check_demo", lambda: 0)
     monkeypatch.setattr(readme, "is_old", lambda _: False)
