@@ -1215,7 +1215,7 @@ class Learner:
             File to write. An existing file is replaced only if this learner was the last to load or
             save it, or with `overwrite=True`.
         overwrite : bool
-            Whether to replace the file in every case.
+            Whether to replace the file, whoever saved it last.
 
         Raises
         ------

@@ -38,7 +38,8 @@ class Task:
     object_name : str
         Name of the object.
     key : Key
-        Texts and numbers that select the random streams of the trial.
+        Texts and numbers that select the random streams of the trial. If the last of them are the
+        attributes of the question, the robot learns that people ask about these attributes.
     learn : bool
         Whether the agent may learn from the trial. If False, the trial is a test.
     """
