@@ -133,7 +133,7 @@ class Progress(ByValue):
     abstain : bool
         Whether the robot may answer "I do not know". This matters only with payoffs. Without
         payoffs, the best report of one attribute never has a negative expected reward.
-    asked : NDArray[np.int64] | None
+    asked_about : NDArray[np.int64] | None
         (P,) number of questions about each attribute so far, including the current question. None
         if all attributes are asked about equally often.
     """
@@ -154,7 +154,7 @@ class Progress(ByValue):
     )
     payoffs: Payoffs | None = None
     abstain: bool = False
-    asked: NDArray[np.int64] | None = None
+    asked_about: NDArray[np.int64] | None = None
 
     @property
     def beta(self) -> NDArray[np.float64]:
@@ -438,10 +438,11 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     that are learned only from percepts of the pair.
     """
     knowledge = progress.knowledge
-    p = len(progress.labeled)
-    of_one = np.full(p, 1 / p) if progress.asked is None else expected_shares(progress.asked)
+    asked_about = progress.asked_about
+    if asked_about is None:
+        asked_about = np.zeros(len(progress.labeled), np.int64)
     # Fraction of the questions that contain each attribute, (P,1)
-    share = np.minimum(asked * of_one[:, None], 1.0)
+    share = np.minimum(asked * expected_shares(asked_about)[:, None], 1.0)
     pace = 1 / (share + (1 - share) * progress.told_fraction)  # trials for one labeled object
     alpha = progress.beta  # (P,E,2,2)
     ahead = rates_ahead(alpha)  # (P,E,Z,2)

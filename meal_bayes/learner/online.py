@@ -419,7 +419,7 @@ class Online:
             values=self.values,
             payoffs=self.settings.payoffs or self.knowledge.domain.payoffs,
             abstain=self.agent.abstain,
-            asked=self.asked_at_refit + this,
+            asked_about=self.asked_at_refit + this,
         )
         if object_name is None:
             return at_refit
@@ -436,7 +436,7 @@ class Online:
             unit=unit,
             instances=instances,
             objects=objects,
-            asked=views.asked_before(record, task.key) + this,
+            asked_about=views.asked_before(record, task.key) + this,
         )
         if object_name not in record.objects:
             return now
