@@ -245,7 +245,7 @@ class Session:
         seed = check_whole("seed", seed)
         self.streams = Streams(seed, self.key)
         percept_rng = self.streams.of("percepts")  # the same for every agent
-        self._told = set[str]()  # excluded moves of which a person was warned
+        self._warned = set[str]()  # excluded moves of which a person was warned
         self._percepts = PerceptReader(task, momdp, checker, perceiver, rng=percept_rng)
         self._truth = truth_of(task.query, truth)
         self._on_step = on_step
@@ -253,7 +253,7 @@ class Session:
         self._on_lost = on_lost
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
-        self._is_told = False  # whether the caller knows that behavior, and may execute it
+        self._behavior_known = False  # whether the caller knows that behavior, and may execute it
         self._running_part = "robot"  # for `Trial.ended`, if it raises
         self._begun = False
         self._ended: str | None = None
@@ -295,7 +295,7 @@ class Session:
         self._decide_behind_log()
         if self._decision is None:
             return None
-        self._is_told = True
+        self._behavior_known = True
         return self.momdp.behavior_names[self._decision.action]
 
     @property
@@ -410,11 +410,11 @@ class Session:
             # What a replay senses is in its data set.
             sensed=execution.instance if self.task.object_index < 0 else None,
         )
-        self._decision, self._is_told = None, False
+        self._decision, self._behavior_known = None, False
         self._append(step_taken)
         self._decide()
-        if excluded and excluded not in self._told:  # after the step is recorded, once a trial
-            self._told.add(excluded)
+        if excluded and excluded not in self._warned:  # after the step is recorded, once a trial
+            self._warned.add(excluded)
             warn_user(excluded)
 
     def _excluded_move(self, x: int, action: int, next_x: int) -> str:
@@ -454,7 +454,7 @@ class Session:
         if not isinstance(decision, Decision):
             raise SettingsError(f"command() takes a Decision; found {decision!r:.60}.")
         self._follow(decision)
-        self._is_told = True
+        self._behavior_known = True
 
     def _repeat(self, step: Step) -> None:
         """Repeat a step of a log; the robot does not move, and nothing is decided.
@@ -492,8 +492,8 @@ class Session:
         for number, step in enumerate(self._logged):
             decision = self._within(self._chosen(self._policy, history), history)[0]
             action = step.decision.action
-            if decision.action != action and _OTHERWISE not in self._told:
-                self._told.add(_OTHERWISE)
+            if decision.action != action and _OTHERWISE not in self._warned:
+                self._warned.add(_OTHERWISE)
                 then, now = (self.momdp.action_name(d.action) for d in (step.decision, decision))
                 warn_user(_OTHERWISE.format(number, then, now))
             history = _after(history, self.steps[number])
@@ -585,7 +585,7 @@ class Session:
 
     def _may_be_moving(self) -> bool:
         """Whether the caller may be executing a behavior that can change the state."""
-        decision = self._decision if self._is_told else None
+        decision = self._decision if self._behavior_known else None
         return decision is not None and bool(moves(self.momdp, self.belief.x)[decision.action])
 
 
