@@ -115,7 +115,7 @@ def beside_package(words: str, root: Path) -> list[bytes]:
     return sorted(part for file in files for part in parts(file))
 
 
-def carry_all_over(before: Path, again: Collection[str] = ()) -> None:
+def carry_all_over(before: Path, again: Collection[str]) -> None:
     """Carry over all results of the code in another checkout but those to be made again."""
     for path in KEPT:
         entries = json.loads(path.read_text(encoding="utf-8"))
