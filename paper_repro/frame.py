@@ -66,6 +66,11 @@ class Setting:
         self.spent.update((path, math.fsum(read_seconds(path))) for path in logs)
 
     @property
+    def full(self) -> bool:
+        """Whether this is the run whose results are committed: every trial, of the usual seed."""
+        return command("", self) == command("", Setting())
+
+    @property
     def protocols(self) -> tuple[str, ...]:
         """Columns to run: the paper's settings, and its method on recordings."""
         return PROTOCOLS[:1] if self.as_published else PROTOCOLS
@@ -161,8 +166,7 @@ def named(words: Iterable[str]) -> tuple[str, ...]:
 def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     """Run one item and write what came of it; returns the facts that were written."""
     # Git keeps what comes of full runs alone: numbers of a few trials would hide those of many.
-    committed = not (setting.quick or setting.as_published)
-    return run_item(item, setting, RESULTS if committed else setting.logs / "paper_repro")
+    return run_item(item, setting, RESULTS if setting.full else setting.logs / "paper_repro")
 
 
 def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
@@ -171,7 +175,7 @@ def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     setting = dataclasses.replace(setting, spent={})
     progress = setting.progress_in("batches")
     run_units(planned_runs(item, setting), jobs=setting.jobs, on_progress=progress)
-    result: Result = import_module(f"paper_repro.items.{item}").run(setting)
+    result: Result = _module_of(item, setting).run(setting)
     # Trials that the logs hold already took their time in an earlier run, which counts as well.
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
     record = write_record(folder, facts(item, result, setting))
@@ -184,9 +188,17 @@ def planned_runs(item: str, setting: Setting) -> list[Planned]:
 
     What an item does not list it runs itself, one run after another.
     """
-    listed = getattr(import_module(f"paper_repro.items.{item}"), "runs", None)
+    listed = getattr(_module_of(item, setting), "runs", None)
     configs = [] if listed is None else listed(setting)
     return [plan_online(config, logs=setting.logs) for config in configs]
+
+
+def _module_of(item: str, setting: Setting) -> Any:
+    """Import an item; `NotRun` where panels are named and it has none."""
+    module = import_module(f"paper_repro.items.{item}")
+    if setting.only and not hasattr(module, "panels_of"):
+        raise NotRun("it has no panels, of which --only could choose")
+    return module
 
 
 def write_record(folder: Path, record: dict[str, Any]) -> dict[str, Any]:

@@ -17,9 +17,7 @@ _PACKAGE = "paper_repro"
 
 @click.command(short_help="Run the paper's tables and figures again (in a checkout).")
 @click.argument("items", nargs=-1, required=True, metavar="ITEM...|all|readme")
-@click.option(
-    "--quick", is_flag=True, help="Run a few trials of each item; write results beside the logs."
-)
+@click.option("--quick", is_flag=True, help="Run a few trials of each item.")
 @click.option(
     "--as-published",
     is_flag=True,
@@ -55,8 +53,9 @@ def reproduce(
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
     A full run writes tables and figures to results/ beside the items, and the pages that show them;
-    `readme` only makes these pages. `all` runs the items that this version has not run yet; an item
-    that you name is run again. Trials are kept with the logs, so a stopped run can continue.
+    `readme` only makes these pages. A run of another seed, or of fewer trials, repeats or panels,
+    writes its results beside the logs. `all` runs the items that this version has not run yet; an
+    item that you name is run again. Trials are kept with the logs, so a stopped run can continue.
     """
     from meal_bayes.experiments.parallel import on_cluster
 
@@ -68,7 +67,7 @@ def reproduce(
         for path in pages.write_pages():
             click.echo(path)
         return
-    full = not (setting["quick"] or setting["as_published"])
+    full = frame.Setting(**setting).full
     todo = frame.named(items)
     if full and items == ("all",):
         todo = tuple(item for item in todo if frame.is_older(item))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from meal_bayes.datasets import load_dataset
+from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import Estimate
 from meal_bayes.evaluation.learning import mean_until
 from meal_bayes.experiments import OnlineConfig
@@ -92,10 +93,17 @@ def runs(setting: Setting) -> Iterator[OnlineConfig]:
 
 def panels_of(setting: Setting) -> Iterator[tuple[str, str, int, str]]:
     """Yield the title, the data set, the number of attributes and the column of every panel."""
-    for dataset, n in setting.choose(PANELS, PANELS[2:3]):
+    chosen = setting.choose(PANELS, PANELS[2:3])
+    titles = [f"{dataset.upper()}, {asked(n)}" for dataset, n in chosen]
+    if not any(setting.only in title for title in titles):
+        raise SettingsError(
+            f"found --only {setting.only!r}; expected a part of one of these titles: "
+            f"{'; '.join(titles)}"
+        )
+    for title, (dataset, n) in zip(titles, chosen, strict=True):
         for protocol in setting.protocols:
             if protocol != THEIRS or dataset == "cy101":  # the published code has CY101 alone
-                yield f"{dataset.upper()}, {asked(n)}", dataset, n, protocol
+                yield title, dataset, n, protocol
 
 
 def run(setting: Setting) -> Result:

@@ -56,11 +56,25 @@ def test_runs_say_of_what_their_totals_are(monkeypatch, noun):
     assert told == [(1, 220, noun)]
 
 
-def test_quick_and_partial_runs_leave_the_committed_results(elsewhere, tmp_path):
-    for kind in ({"quick": True}, {"as_published": True}):
-        frame.reproduce("table5", frame.Setting(logs=tmp_path / "logs", **kind))
+PARTIAL = ({"quick": True}, {"as_published": True}, {"seed": 1}, {"trials": 5}, {"repeats": 1})
+
+
+@pytest.mark.parametrize("part", PARTIAL, ids=str)
+def test_only_a_full_run_replaces_the_committed_results(elsewhere, tmp_path, part):
+    setting = frame.Setting(logs=tmp_path / "logs", jobs=2, **part)
+    assert not setting.full
+    frame.reproduce("table5", setting)
     assert not elsewhere.exists()
     assert (tmp_path / "logs" / "paper_repro" / "table5.json").is_file()
+
+
+def test_panels_that_do_not_exist_are_refused_with_those_that_do(elsewhere, tmp_path):
+    setting = frame.Setting(logs=tmp_path / "logs", only="nothing")
+    with pytest.raises(SettingsError, match="'nothing'; expected .* CY101, 1 attribute; .* ISPY32"):
+        frame.reproduce("fig10", setting)
+    with pytest.raises(frame.NotRun, match="no panels"):
+        frame.reproduce("table5", setting)
+    assert not elsewhere.exists()
 
 
 @pytest.mark.quick(2)
