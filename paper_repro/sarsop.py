@@ -35,19 +35,20 @@ class Sarsop:
     Attributes
     ----------
     seconds : float
-        s of solving; by default the paper's budget.
+        CPU s of solving; by default the paper's budget.
     precision : float
         Gap between its bounds at which it ends before that.
     program : str | Path | None
         By default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH.
     patience : float
-        s that reading the problem and writing the policy may need besides.
+        s that all else may take: to read the problem, to bound its values, to write the policy,
+        and to wait for other programs. The bounds of seven attributes take half a minute.
     """
 
     seconds: float = 5.0
     precision: float = 1e-3
     program: str | Path | None = None
-    patience: float = 60.0
+    patience: float = 600.0
 
     def __post_init__(self) -> None:
         times = (self.seconds, self.precision, self.patience)
