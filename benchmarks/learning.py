@@ -1,14 +1,14 @@
 """Learning from nothing: reward of a robot's first trials, on a toy and in physics.
 
-    python benchmarks/learning.py toy|many|detector|physics FIRST-END [--agent A] [--trials T]
-                                                                      [--horizon H] [--json]
+    python benchmarks/learning.py toy|many|detector|repeating|physics FIRST-END [--agent A]
+                                                        [--trials T] [--horizon H] [--json]
 
 Seeds are FIRST to END - 1. A right answer is worth 100 s, a wrong one -100 s, less the seconds of
 the trial; then all labels are told. In the toy one attribute is asked, and of three behaviors one
 tells (.15 and .85), the others nothing; trial i of a seed has the same object for every agent.
 `many` is the toy with 39 more attributes, about which nobody asks or tells anything.
 `detector` is the toy with percepts that are given as such, so that no classifier is to be learned;
-the agent `bayes_same_objects` is `bayes` with Eq. 8, which is true of the toy. In
+in `repeating`, a detector that sees an object again always says the same of it. The agent `bayes_same_objects` is `bayes` with Eq. 8, which is true of the toy. In
 physics one random attribute of each new object is asked, all labels are told (extra `sim`).
 """
 
@@ -69,6 +69,20 @@ class DetectingRobot(ToyRobot):
         return Outcome("table", percepts={"full": bool(yes)})
 
 
+class RepeatingRobot(DetectingRobot):
+    """Says of an object what it said before."""
+
+    def __init__(self, rng: np.random.Generator, full: int) -> None:
+        super().__init__(rng, full)
+        self.said: dict[str, Outcome] = {}
+
+    def execute(self, behavior: str) -> Outcome:
+        """Draw the first percept of each behavior."""
+        if behavior not in self.said:
+            self.said[behavior] = super().execute(behavior)
+        return self.said[behavior]
+
+
 def toy_trials(
     learner: Learner, trials: int, seed: int, robot: type[ToyRobot] = ToyRobot
 ) -> Iterator[Trial]:
@@ -86,6 +100,11 @@ def detector_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]
     yield from toy_trials(learner, trials, seed, DetectingRobot)
 
 
+def repeating_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
+    """Ask as `toy_trials` does, of a robot whose detector repeats itself."""
+    yield from toy_trials(learner, trials, seed, RepeatingRobot)
+
+
 def physics_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
     """Ask about one new object of the simulated arm after another."""
     from simulated_arm.questions import learn_live  # noqa: PLC0415  needs MuJoCo
@@ -98,6 +117,7 @@ PARTS = {
     "toy": (TOY, toy_trials),
     "many": (MANY, toy_trials),
     "detector": (TOY, detector_trials),
+    "repeating": (TOY, repeating_trials),
     "physics": (ARM, physics_trials),
 }
 OWN = {
