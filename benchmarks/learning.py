@@ -8,8 +8,9 @@ the trial; then all labels are told. In the toy one attribute is asked, and of t
 tells (.15 and .85), the others nothing; trial i of a seed has the same object for every agent.
 `many` is the toy with 39 more attributes, about which nobody asks or tells anything.
 `detector` is the toy with percepts that are given as such, so that no classifier is to be learned;
-in `repeating`, a detector that sees an object again always says the same of it. The agent `bayes_same_objects` is `bayes` with Eq. 8, which is true of the toy. In
-physics one random attribute of each new object is asked, all labels are told (extra `sim`).
+in `repeating`, a detector that sees an object again always says the same of it. The agent
+`bayes_same_objects` is `bayes` with Eq. 8, which is true of the toy. In physics one random
+attribute of each new object is asked, all labels are told (extra `sim`).
 """
 
 import time
