@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 
 from meal_bayes import look
+from meal_bayes.files import write_whole
 from paper_repro.figures import offline, online
 from paper_repro.figures.shapes import Record
 
@@ -37,7 +38,7 @@ def draw_into(folder: Path, record: Record) -> list[str]:
     drawn = draw(record)
     item = record["item"]
     for name, ax in drawn.items():
-        look.save(ax, folder / name)
+        write_whole(folder / name, look.render(ax, "png"), expected=True)
     for path in (*folder.glob(f"{item}.png"), *folder.glob(f"{item}_*.png")):
         if path.name not in drawn:
             path.unlink()
