@@ -70,7 +70,7 @@ def test_only_a_full_run_replaces_the_committed_results(elsewhere, tmp_path, par
 
 def test_panels_that_do_not_exist_are_refused_with_those_that_do(elsewhere, tmp_path):
     setting = frame.Setting(logs=tmp_path / "logs", only="nothing")
-    with pytest.raises(SettingsError, match="'nothing'; expected .* CY101, 1 attribute; .* ISPY32"):
+    with pytest.raises(SettingsError, match=r"'nothing'; expected .* CY101, 1 attribute; "):
         frame.reproduce("fig10", setting)
     with pytest.raises(frame.NotRun, match="no panels"):
         frame.reproduce("table5", setting)
