@@ -42,7 +42,7 @@ class Sarsop:
         By default MEAL_BAYES_POMDPSOL, or `pomdpsol` on the PATH.
     patience : float
         s that all else may take: to read the problem, to bound its values, to write the policy,
-        and to wait for other programs. The bounds of seven attributes take half a minute.
+        and to wait for other programs.
     """
 
     seconds: float = 5.0

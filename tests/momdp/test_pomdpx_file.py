@@ -47,9 +47,9 @@ def read_pomdpx(path: Path) -> SimpleNamespace:
 
 
 def table_of(parameter: ElementTree.Element, axes: list[list[str]]) -> np.ndarray:
-    """Carry the entries of a table out, in their order; what none sets is nan."""
+    """Carry the entries of a table out, in their order; what none sets is 0 (PomdpX 1.0, 2.3.1)."""
     assert parameter.get("type") == "TBL"
-    table = np.full([len(names) for names in axes], np.nan)
+    table = np.zeros([len(names) for names in axes])
     for entry in parameter:
         words = entry.findtext("Instance").split()
         assert len(words) == len(axes)
@@ -65,7 +65,6 @@ def table_of(parameter: ElementTree.Element, axes: list[list[str]]) -> np.ndarra
             table[index] = np.eye(shape[0])
         else:
             table[index] = np.array(numbers, dtype=float).reshape(shape)
-    assert np.isfinite(table).all()
     return table
 
 
