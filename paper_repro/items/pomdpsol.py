@@ -18,8 +18,8 @@ from paper_repro.statements import THEIRS, Evidence, within
 AGENT = "sarsop"
 TRIALS = 200  # a row
 SHOWN = 20  # where no statement looks, as each query of an object takes 5 s
-# Of Fig. 9's last row: if all queries are given up, the interval of this fraction begins at .95, and
-# no reward above 25 is left.
+# Of Fig. 9's last row: if all queries are given up, the interval of this fraction begins at .95,
+# and no reward above 25 is left.
 LAST = 130
 # Of Table 3's problems, where one policy a query serves all objects: as many tree search has, so
 # that the interval of an accuracy reaches no farther than half of its margin.
