@@ -80,11 +80,17 @@ def _is_part(file: Path, folder: Path, parts: Sequence[str]) -> bool:
 
 
 @lru_cache(maxsize=1000)
-def parts(file: Path) -> tuple[bytes, ...]:
-    """Return a digest of each function, class and constant of a module, or of a file of data."""
+def parts(file: Path, *, constants: bool = False) -> tuple[bytes, ...]:
+    """Return a digest of each function, class and constant of a module, or of a file of data.
+
+    With `constants`, functions and classes of a module are left out.
+    """
     content = file.read_bytes()
     if file.suffix == ".py":
-        written = [structure([node]).encode() for node in ast.parse(content).body if _counts(node)]
+        nodes = [node for node in ast.parse(content).body if _counts(node)]
+        if constants:
+            nodes = [node for node in nodes if isinstance(node, ast.Assign | ast.AnnAssign)]
+        written = [structure([node]).encode() for node in nodes]
     elif file.suffix == ".toml":
         written = [json.dumps(tomllib.loads(content.decode()), sort_keys=True).encode()]
     else:

@@ -88,19 +88,30 @@ def test_results_are_carried_over_if_only_the_package_changed(monkeypatch, tmp_p
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import digests  # noqa: PLC0415  a script that imports its siblings
 
-    roots = [tmp_path / name for name in ("before", "other package", "other script")]
-    for root, number in zip(roots, (2, 3, 3), strict=True):
+    scripts = {
+        "before": "runs = 1",
+        "other package": "runs = 1",
+        "other constant": "runs = 2",
+        "other function": "runs = 1\ndef run():\n    return runs\n",
+    }
+    roots = [tmp_path / name for name in scripts]
+    for root, number, script in zip(roots, (2, 3, 3, 3), scripts.values(), strict=True):
         for name, text in {
             "meal_bayes/grid.py": CODE.replace("x / 2", f"x / {number}"),
-            "benchmarks/run.py": "runs = 2" if root == roots[2] else "runs = 1",
+            "benchmarks/run.py": script,
         }.items():
             path = root / name
             path.parent.mkdir(parents=True)
             path.write_text(text, encoding="utf-8")
     words = "python benchmarks/run.py"
-    before, package, script = (digests.made_by(words, root) for root in roots)
+    before, package, script, function = (digests.made_by(words, root) for root in roots)
     made = {"code": before}
-    assert not digests.carry_over(made, words, roots[0], roots[2])
+    for tried in (False, True):
+        assert not digests.carry_over(made, words, roots[0], roots[2], tried=tried)
+    # A function beside the package may differ if its results were tried, and are equal.
+    assert not digests.carry_over(made, words, roots[0], roots[3])
+    assert digests.carry_over({"code": before}, words, roots[0], roots[3], tried=True)
+    assert function not in (before, package)
     assert not digests.carry_over({"code": script}, words, roots[0], roots[1])
     assert made == {"code": before}
     assert digests.carry_over(made, words, roots[0], roots[1])
@@ -122,18 +133,23 @@ def test_if_logs_differ_the_results_of_such_runs_are_named(again, carried, monke
     logs = {str(tmp_path): "of before", str(digests.ROOT): "of now"}
     monkeypatch.setattr(digests, "digests", lambda root, *of: {"/".join(of): logs[str(root)]})
     monkeypatch.setattr(digests, "made_by", lambda words, root: str(root))
-    monkeypatch.setattr(digests, "carry_over", lambda made, *_: made.update(carried=True) or True)
+    monkeypatch.setattr(digests, "quick_results", lambda root, file: {"b": str(root)})
+    monkeypatch.setattr(digests, "carry_over", lambda made, *_, **how: made.update(how) or True)
     files = [str(tmp_path / f"{name}.json") for name in ("now", "before")]
     words = ["digests.py", *files, "--carry-over", str(tmp_path)]
     monkeypatch.setattr("sys.argv", [*words, *(["--again", *again] if again else [])])
     monkeypatch.setattr(digests, "KEPT", (kept, tmp_path / "provenance.json"))
     assert digests.main() == 1
-    assert [name for name, made in json.loads(kept.read_text()).items() if "carried" in made] == (
+    assert [name for name, made in json.loads(kept.read_text()).items() if "tried" in made] == (
         carried
     )
     # Logs of a code that is in a file are not made again.
     monkeypatch.setattr(digests, "digests", None)
     assert digests.main() == 1
+    # Nor are they if the package is the same.
+    monkeypatch.setattr(digests, "made_by", lambda words, root: "same")
+    monkeypatch.setattr(digests, "all_digests", None)
+    assert digests.main() == 0
 
 
 @pytest.fixture
