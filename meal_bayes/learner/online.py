@@ -128,7 +128,7 @@ class Online:
             counts,
             object_labels,
             object_level=agent.object_level,
-            given=views.given_pairs(record),
+            given=views.trusted_pairs(record),
             label_accuracy=settings.label_accuracy or 1.0,
         )
         if settings.posterior is not None:  # the user's posterior replaces the learned one
@@ -199,7 +199,7 @@ class Online:
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (counts_before != counts).any(axis=(1, 2, 3))
         if self.agent.object_level:
-            believed = self.knowledge.posterior.believe(views.given_pairs(self.record))
+            believed = self.knowledge.posterior.believe(views.trusted_pairs(self.record))
             moved |= (believed.given & ~self.knowledge.posterior.given).any(axis=1)
             self.knowledge = replace(self.knowledge, posterior=believed)
         earlier = self.knowledge

@@ -28,6 +28,7 @@ from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
 
 HALVED = 5  # half-life of the weight of an execution in success rates, in trials
+_ENOUGH = 2  # labeled objects of each truth, from which on labels decide about a detector
 Sizes = NDArray[np.int64]  # number of features of each context of the domain; NONE without any
 
 
@@ -315,6 +316,21 @@ def given_pairs(record: Experience) -> NDArray[np.bool_]:
     instance, attribute = np.nonzero(detected(record))
     given[attribute, record.instances.values["behavior"][instance]] = True
     return given
+
+
+def trusted_pairs(record: Experience) -> NDArray[np.bool_]:
+    """Return the given pairs (P,E) that have the prior of a detector: those with few labels.
+
+    With labels of two true and two false objects of the detector, the labels decide.
+    """
+    given = given_pairs(record)
+    instance, attribute = np.nonzero(detected(record))
+    rows = record.instances.values[instance]
+    label = record.object_labels.values[rows["object"], attribute]
+    cells = np.stack([attribute, rows["behavior"], label, rows["object"]])[:, label >= 0]
+    number = np.zeros((*given.shape, 2), np.int64)  # of labeled objects
+    np.add.at(number, tuple(np.unique(cells, axis=1)[:3]), 1)
+    return given & (number < _ENOUGH).any(axis=2)
 
 
 def heard(record: Experience) -> Heard:

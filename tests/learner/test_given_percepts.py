@@ -76,3 +76,17 @@ def test_what_was_heard_is_known_after_a_restart(tmp_path):
     known = learner.knowledge().posterior
     np.testing.assert_array_equal(again.given_prior, known.given_prior)
     np.testing.assert_array_equal(again.concentration, known.concentration)
+
+
+def test_labels_of_two_red_cups_and_two_others_decide_about_the_detector():
+    learner = Learner(KITCHEN, reward=300, logs=None, horizon=1000)
+    look = learner.domain.behavior_index("look")
+    for number, red in enumerate((True, True, False, False)):
+        looks, _ = met(learner, red=red)
+        assert looks > 0
+        learner.refit()
+        posterior = learner.knowledge().posterior
+        assert posterior.given[0, look] == (number < 3)
+    rows = posterior.mean[0, look]
+    assert rows[1, -1] > rows[0, -1]
+    assert posterior.telling[0, look] < 1  # it may still have guessed

@@ -70,7 +70,7 @@ def same(one, other):
 def test_a_detector_of_scores_is_learned_and_is_right():
     learner = taught(new())
     known = learner.knowledge().posterior
-    assert known.given.tolist() == [[True, False, False], [False, False, False]]
+    assert not known.given.any()  # labels decide
     assert known.youden[0, LOOK] > 0.3
     rng = np.random.default_rng(5)
     right = [
