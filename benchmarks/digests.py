@@ -192,13 +192,16 @@ def main() -> int:
 
 
 def equal_items(checkout: Path, options: argparse.Namespace) -> set[str]:
-    """Return the items of the paper whose quick results are equal here and in a checkout."""
+    """Return the items of the paper whose quick results are equal here and in a checkout.
+
+    Nothing is run if what they share beside the package is the same in both.
+    """
+    commands = [command(item, Setting()) for item in items()]
+    if all(beside_package(words, checkout) == beside_package(words, ROOT) for words in commands):
+        return set()
     results = quick_results(ROOT, options.out)
-    return {
-        item
-        for item, digest in quick_results(checkout, options.before).items()
-        if results.get(item) == digest
-    }
+    before = quick_results(checkout, options.before)
+    return {item for item, digest in before.items() if results.get(item) == digest}
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
 A classifier that was trained on few objects may be uninformative, which only its percepts of other
 objects can show. A detector was built to be right, so it is believed to some extent before there
-are labels. Pairs (attribute, behavior) with percepts of a detector are called "given". The prior of
-their rows, for truth y and level k, is
+are labels. Pairs (attribute, behavior) with percepts of a detector, and with few labels (see
+`learner.views.trusted_pairs`), are called "given". The prior of their rows, for truth y and level
+k, is
 
     alpha_yk = A q_k sigma(+-l_k) / sum_j q_j sigma(+-l_j),   l_k = (1 - w) l_own,k + w l*_k.
 

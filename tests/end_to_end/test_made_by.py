@@ -133,7 +133,8 @@ def test_if_logs_differ_the_results_of_such_runs_are_named(again, carried, monke
     logs = {str(tmp_path): "of before", str(digests.ROOT): "of now"}
     monkeypatch.setattr(digests, "digests", lambda root, *of: {"/".join(of): logs[str(root)]})
     monkeypatch.setattr(digests, "made_by", lambda words, root: str(root))
-    monkeypatch.setattr(digests, "quick_results", lambda root, file: {"b": str(root)})
+    monkeypatch.setattr(digests, "beside_package", lambda words, root: str(root))
+    monkeypatch.setattr(digests, "quick_results", lambda root, file: {"b": "equal"})
     monkeypatch.setattr(digests, "carry_over", lambda made, *_, **how: made.update(how) or True)
     files = [str(tmp_path / f"{name}.json") for name in ("now", "before")]
     words = ["digests.py", *files, "--carry-over", str(tmp_path)]
@@ -149,6 +150,11 @@ def test_if_logs_differ_the_results_of_such_runs_are_named(again, carried, monke
     # Nor are they if the package is the same.
     monkeypatch.setattr(digests, "made_by", lambda words, root: "same")
     monkeypatch.setattr(digests, "all_digests", None)
+    assert digests.main() == 0
+    # Items of the paper are run only if what they share has changed, and are then carried over.
+    assert json.loads(kept.read_text())["b"]["tried"]
+    monkeypatch.setattr(digests, "beside_package", lambda words, root: "same")
+    monkeypatch.setattr(digests, "quick_results", None)
     assert digests.main() == 0
 
 
