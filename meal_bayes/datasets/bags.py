@@ -285,6 +285,7 @@ def _read(
         found.last = topic, time
         if (time - first) / length > shown + 0.01:
             yield (shown := (time - first) / length)
+    running += [(one, Recorder(domain, one.behavior, functions)) for one in reversed(waiting)]
     close(_NEVER)
     number = sum(count for count, *_ in clocks.values())
     if number != (counted := sum(connection.msgcount for connection in connections)):

@@ -280,6 +280,23 @@ def test_faults_name_bag_topic_and_time(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_executions_after_the_last_signal_are_told(tmp_path):
+    def changed(store):
+        for time, topic, message in messages(store, "cup", (1, 0, 1), np.random.default_rng(1), 1):
+            if topic == "/markers" or time < START + 0.4e9:
+                yield time, topic, message
+
+    bag = write(tmp_path / "cup.mcap", made=changed)
+    rows = ("cup,cup,look,0,0.3", "cup,mug,lift,0.5,1.5", "cup,jar,shake,1.6,1.7")
+    runs = tmp_path / "runs.csv"
+    runs.write_text("\n".join(["bag,object,behavior,start,end", *rows]))
+    report = read(bag, markers=None, executions=runs)
+    assert [one.object_name for one in report.executions] == ["cup"]
+    for name in ("lift of mug", "shake of jar"):
+        assert any(name in fault and "no message" in fault for fault in report.faults)
+    assert not any("look of cup" in fault for fault in report.faults)
+
+
 def test_a_folder_that_is_there_and_bags_that_are_not(tmp_path):
     report = read(write(tmp_path / "cup.mcap", rounds=1))
     with pytest.raises(OutputError, match="exists already"):
