@@ -21,7 +21,7 @@ from meal_bayes.cli.program import UNREAD, UNSOUND, Section
 from meal_bayes.files import check_output, command_line
 
 if TYPE_CHECKING:
-    from meal_bayes.trial_log import LogInfo
+    from meal_bayes.trial_log import LogInfo, Logs
     from meal_bayes.trial_log.folder import Group
 
 _file = click.argument("file", type=click.Path(path_type=Path))
@@ -243,14 +243,19 @@ def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
     files = Logs(*logs)
     with progress("reading", "files") as advance:
         outcomes = write_report(files, out, reference=reference, on_progress=advance)
-    for problem in files.problems:
-        note(f"warning: {problem}; the report counts what can be read")
-    if files.copies:
-        note(f"warning: {files.copies}")
+    _note_faults(files, "the report counts")
     trials = len(outcomes)
     agents = len(outcomes.agents)
     counted = f"{_counted(trials, 'trial')} of {_counted(agents, 'agent')}"
     say(f"{out}: {counted}, {out.stat().st_size:,} bytes")
+
+
+def _note_faults(files: "Logs", counting: str) -> None:
+    """Say which logs are damaged or copies, after they were read."""
+    for problem in files.problems:
+        note(f"warning: {problem}; {counting} what can be read")
+    if files.copies:
+        note(f"warning: {files.copies}")
 
 
 def _counted(number: int, noun: str) -> str:
@@ -288,8 +293,7 @@ def compare(logs: tuple[Path, ...], measure: str, reference: str | None, as_json
 
     files = Logs(*logs)
     logged = LoggedOutcomes.read(files)
-    if files.copies:
-        note(f"warning: {files.copies}")
+    _note_faults(files, "the comparison counts")
     rows = comparisons(logged.measured().outcomes, measure=measure, reference=reference)
     if logged.heading:
         note(logged.heading)

@@ -167,3 +167,14 @@ def test_compare_says_who_is_ahead_or_that_it_cannot_be_said(run, fails, measure
     assert row["verdict"] == {1: "ahead", -1: "behind", 0: "cannot be said"}[better * side]
     assert row["verdict"] in run(*words).stdout
     assert "'nobody'" in fails("compare", "study", "--reference", "nobody")
+
+
+@pytest.mark.parametrize("command", [("compare", "study"), ("report", "study")])
+def test_what_counts_trials_says_which_logs_are_damaged(run, command):
+    run("run", "offline", "--trials", "6", "--agent", "predefined_plus,prior", "--logs", "study")
+    (log,) = Path("study").glob("*/prior/*.mcap")
+    log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    result = run(*command)
+    assert result.exit_code == 0
+    assert log.name in result.stderr
+    assert "what can be read" in result.stderr
