@@ -53,9 +53,13 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Findin
             payoffs=options["payoffs"] or None,
         )
     header = {"config": config, "seed": options["seed"], "data": table.domain.data}
+    earlier = {*folder.glob("[0-9][0-9]*-*.mcap")}  # of an equal question
     for number, (name, trial) in enumerate(found.trials.items(), 1):
         path = folder / f"{number:02}-{file_name(name)}.mcap"
-        write_trials(path, [trial], header=header, overwrite=True)  # of an equal question
+        write_trials(path, [trial], header=header, overwrite=True)
+        earlier.discard(path)
+    for path in earlier:
+        path.unlink(missing_ok=True)
     if as_json:
         print_json(
             {

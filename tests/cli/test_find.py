@@ -1,6 +1,7 @@
 """`meal-bayes find` on recordings."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -29,6 +30,15 @@ def test_equal_runs_leave_equal_logs(run, tmp_path):
         return {path.name: path.read_bytes() for path in tmp_path.rglob("*.mcap")}
 
     assert logs() == logs()
+
+
+def test_the_folder_holds_the_trials_of_the_last_run_alone(run, tmp_path):
+    where = ("--logs", tmp_path, "--json")
+    told = json.loads(run(*ASKED, *where).stdout)
+    (log, *_) = sorted(Path(told["log"]).glob("*.mcap"))
+    (log.parent / "07-of_other_data.mcap").write_bytes(log.read_bytes())
+    assert json.loads(run(*ASKED, *where).stdout) == told
+    assert len(list(read_trials(told["log"]))) == len(told["trials"])
 
 
 def test_an_unknown_object_is_told_in_one_line(run, tmp_path):
