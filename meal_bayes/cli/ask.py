@@ -140,6 +140,7 @@ def ask(
         if not labels:
             note("no labels were given, none are kept")
             return
+        told.experience.object_number(name)  # it has recordings, so its name is no slip
         told.tell(name, labels)
         text = Feedback(name, labels).text
         note(f"kept in {logs / file_name(table.domain.name)}: {name} is {text}")
@@ -249,8 +250,8 @@ def memory() -> None:
 
 
 @memory.command(short_help="List the labels that people gave to objects.")
-@opt.shared("dataset", "root", "logs", "json")
-def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
+@opt.shared("dataset", "logs", "json")
+def show(dataset: str, logs: Path, as_json: bool) -> None:
     """List the labels that people gave to objects, by `ask --learn` or a Learner in Python.
 
     Labels that were given for a trial in Python are not listed; `meal-bayes log show` shows them
@@ -273,15 +274,15 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
 
 @memory.command(short_help="Remove labels; the trials remain in their logs.")
 @click.option("--object", "name", metavar="NAME", help="Only the labels of this object.")
-@opt.shared("dataset", "root", "logs")
-def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
+@opt.shared("dataset", "logs")
+def forget(name: str | None, dataset: str, logs: Path) -> None:
     """Remove the labels of one object or of all objects; the trials remain in their logs."""
     from meal_bayes.datasets.percepts import domain_of
 
     told, _ = _told(domain_of(dataset), logs)
-    objects = [o for o in _labels_of(told) if name in (None, o)]
+    objects = [*_labels_of(told)] if name is None else [name]
     for o in objects:
-        told.forget(o)
+        told.forget(o)  # raises where nothing was told of it
     note(f"forgot the labels of {len(objects)} objects")
 
 

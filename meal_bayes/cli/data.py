@@ -42,6 +42,8 @@ def list_(name: str | None, dataset: str | None, root: Path | None, as_json: boo
     if name is not None and dataset is not None:
         raise click.UsageError(f"{name} and --dataset {dataset} name a data set; give one of them.")
     dataset = name or dataset
+    if dataset is None and root is not None:
+        raise click.UsageError("--root is the folder of one data set; name the data set, too.")
     if dataset is not None:
         held = load_dataset(dataset, root=root) if root is not None else load_percepts(dataset)
         _print_contents(held, as_json=as_json)

@@ -37,6 +37,9 @@ def test_list_in_words_and_as_json(run):
         "name": "roc36", "objects": 36, "behaviors": 12, "attributes": 10, "recordings": 10,
         "files": len(registry("roc36")), "files_cached": 0,
     }  # fmt: skip
+    alone = run("data", "list", "--root", ".")
+    assert alone.exit_code == 2
+    assert "name the data set" in alone.stderr
 
 
 def test_list_tells_what_can_be_asked(run, table):

@@ -1,6 +1,7 @@
 """`ask --learn` remembers what it is told; `memory` shows and forgets it."""
 
 import json
+import warnings
 from pathlib import Path
 
 import pytest
@@ -95,12 +96,25 @@ def test_show_and_forget(ask, run):
     assert [row["labels"] for row in told] == [{"red": True}, {"full": True}]
     logs = list(Path("logs").glob("ask-*.mcap"))
     before = {log: [trial.cost for trial in read_trials(log)] for log in logs}
+    wrong = run("memory", "forget", *OWN, "--object", "red_jra")
+    assert wrong.exit_code == 2
+    assert "'red_jra'" in wrong.stderr
+    assert "'red_jar'" in wrong.stderr
     assert "of 1 objects" in run("memory", "forget", *OWN, "--object", "red_jar").stderr
     assert remembered(run) == [("blue_mug", {"full": True})]
     run("memory", "forget", *OWN)
     assert remembered(run) == []
     for log, costs in before.items():
         assert [t.cost for t in read_trials(log)] == costs  # trials stay
+
+
+def test_a_recorded_object_is_no_slip_of_another(ask, monkeypatch):
+    monkeypatch.setattr("meal_bayes.learner.told._ALIKE", 0.6)
+    ask("Is it red?", "yes\n", "red_can")
+    with warnings.catch_warnings(record=True) as told:
+        said = ask("Is it red?", "yes\n", "red_jar").stderr
+    assert not [one for one in told if "did you mean" in str(one.message)]
+    assert "did you mean" not in said
 
 
 def test_what_is_taken_back_may_be_told_again(ask, run):
