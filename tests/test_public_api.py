@@ -20,7 +20,7 @@ from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.errors import MealBayesError, QueryError, SettingsError
 
 SOURCE = Path(meal_bayes.__file__)
-HEAVY = {"scipy", "numba", "sklearn", "pymc", "arviz", "mcap", "google", "joblib", "pooch",
+HEAVY = {"scipy", "numba", "sklearn", "pymc", "arviz", "mcap", "joblib", "pooch",
          "matplotlib", "pandas", "rerun", "click", "rich"}  # fmt: skip
 QUESTION = {"dataset": "roc36", "object": "heavy_green_beans", "agent": "greedy", "logs": None}
 

@@ -133,7 +133,7 @@ def test_a_check_says_whose_a_file_is(run, file, kind):
 
 
 @pytest.mark.parametrize("kind", FOREIGN)
-def test_a_run_with_another_file_in_its_folder_is_read(run, trials, tmp_path, kind):
+def test_a_run_with_another_file_in_its_folder_is_read(run, trials, kind):
     write, what = FOREIGN[kind]
     write_trials("run/b.mcap", trials, header=HEADER)
     write(Path("run/a.mcap"))

@@ -23,7 +23,6 @@ CUP = {
 }  # fmt: skip
 LAB = load_domain(CUP)
 NOTHING = np.full(len(LAB.attributes), -1, np.int8)
-GROUP_OF = {value: group for group, values in GROUPS.items() for value in values}
 
 
 class Model:
@@ -125,7 +124,7 @@ def by_attribute(labels):
 
 @pytest.mark.filterwarnings("ignore:The agent .* answered without touching anything")
 @pytest.mark.parametrize("said", EQUAL)
-def test_all_doors_understand_the_same(said, tmp_path):
+def test_all_doors_understand_the_same(said):
     expected = LAB.labels(said[0])
     learner = Learner(LAB, agent="greedy", logs=None)
     checker = OutcomeChecker(ASKING)

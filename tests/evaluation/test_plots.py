@@ -142,7 +142,7 @@ def test_one_point_an_agent_on_the_plane_of_accuracy_and_cost(largest, scale):
     assert (fractions[1.0], fractions[5.0]) == pytest.approx((0.25, 0.75))
 
 
-def test_names_with_signs_of_mathematics_are_names(trial, tmp_path):
+def test_names_with_signs_of_mathematics_are_names(tmp_path):
     series = [Series("$x^2$ & <b>", X, X), Series("\\frac{", X, X)]
     ax = plots.lines(series, x_label="$", y_label="a_b$c")
     assert look.save(ax, tmp_path / "a.png").is_file()

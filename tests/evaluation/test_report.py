@@ -221,7 +221,7 @@ def test_a_lab_s_report_says_what_was_learned_and_what_to_label_next(trials, tmp
     assert [second, "8", "1.000", "0.000", "4", "4"] in [row[:6] for row in cells(text)]
 
 
-def test_a_lab_s_trials_have_the_truth_as_it_was_told_later(trials, tmp_path, cells):
+def test_a_lab_s_trials_have_the_truth_as_it_was_told_later(trials, tmp_path):
     trial = dataclasses.replace(trials[0], truth=np.full(len(trials[0].truth), -1))
     path = tmp_path / "20260101-120000-000001-thing-abcdef.mcap"
     write_trials(path, [trial], header={"config": {"command": "Learner.ask"}, "data": "roc36"})

@@ -168,7 +168,7 @@ def test_runs_share_a_file_only_where_they_ask_the_same(answer, tmp_path):
 
 
 @pytest.mark.long
-def test_more_misses_are_avoided_where_they_are_dear(tmp_path):
+def test_more_misses_are_avoided_where_they_are_dear():
     """The same questions, paired: a miss ten times as dear as a false alarm."""
     learner = Learner("cy101", agent="olfc", logs=None).fit(load_percepts("cy101"))
     table = learner.table

@@ -103,7 +103,7 @@ def test_labels_of_an_attribute_that_a_domain_lacks_are_named(make, tmp_path):
         recall(Learner(make.kitchen, agent=agent, logs=None), tmp_path)
 
 
-def test_a_trial_in_progress_keeps_its_attributes(learner, dataset, make):
+def test_a_trial_in_progress_keeps_its_attributes(learner, make):
     arm = make.arm(full=True)
     session = learner.begin("full", "mug", state=arm.start())
     session.observe(arm.execute(session.behavior))

@@ -54,7 +54,7 @@ BY_NAME = {
 
 
 @pytest.mark.parametrize("name", BY_NAME)
-def test_settings_are_one_value_or_by_name(learner, name):
+def test_settings_are_one_value_or_by_name(name):
     """One of two ways would be ignored, and a seed is not seen to be."""
     with pytest.raises(SettingsError, match=f"{name} by name"):
         Learner("roc36", logs=None, settings=LearnerSettings(), **{name: BY_NAME[name]})

@@ -17,8 +17,6 @@ from meal_bayes.perception import fit_and_validate
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import Outcome
 
-ALPHA = "concentration"
-
 
 @pytest.fixture(scope="module")
 def met(dataset, make):

@@ -214,7 +214,7 @@ def test_live_trials_are_clustered_by_the_names_of_objects(dataset, make):
     assert math.isfinite(summarize(trials)[0].accuracy_se)
 
 
-def test_a_person_who_is_asked_answers_by_name(make):
+def test_a_person_who_is_asked_answers_by_name():
     table = {
         "name": "asking",
         "attributes": ["red", "full"],

@@ -138,7 +138,7 @@ def test_saving_twice_replaces_and_leaves_nothing_else(taught, saved):
 
 @pytest.mark.parametrize("table", _TABLES)
 @pytest.mark.parametrize("way", ["short", "long", "out of range"])
-def test_a_record_that_cannot_be_read_again_is_not_written(table, way, taught, agent, saved):
+def test_a_record_that_cannot_be_read_again_is_not_written(table, way, agent, saved):
     """Ctrl-C may come between two tables; the file that was saved before must stay."""
     before = saved.read_bytes()
     torn = Learner.load(saved, agent=agent, logs=None)

@@ -110,7 +110,7 @@ def test_a_cancelled_session_is_logged_without_a_report(learner, make, tmp_path)
         session.observe(Outcome("table"))
 
 
-def test_a_session_left_in_the_middle_says_so(learner, make, tmp_path):
+def test_a_session_left_in_the_middle_says_so(learner, tmp_path):
     with learner.begin("red"):
         pass
     with pytest.raises(ZeroDivisionError) as caught, learner.begin("red"):

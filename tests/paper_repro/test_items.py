@@ -28,7 +28,6 @@ from paper_repro.items.table5 import predicted
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, THEIRS, UNDECIDED, Evidence
 
 KINDS = (STANDS, FALLS, UNDECIDED)
-REPEATS = 20
 ROWS = tuple(
     field.name for field in fields(TrialOutcomes) if field.name != "behaviors"
 )  # of a trial

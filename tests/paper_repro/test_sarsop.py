@@ -233,9 +233,3 @@ def shown(problem: bytes) -> dict[str, list[float]]:
     entries = ElementTree.fromstring(problem).iterfind("ObsFunction//Entry")
     return {entry.findtext("Instance"): [float(v) for v in entry.findtext("ProbTable").split()]
             for entry in entries}  # fmt: skip
-
-
-def names_of(problem: bytes) -> list[str]:
-    """Return the names of what can be perceived, but for nothing."""
-    values = ElementTree.fromstring(problem).findtext("Variable/ObsVar/ValueEnum")
-    return values.split()[:-1]

@@ -33,8 +33,6 @@ from meal_bayes.perception import (
 )
 from meal_bayes.perception.own_classifier import checked_probabilities
 
-BY_HEART = KNeighborsClassifier(1)
-
 
 class Foreign(ClassifierMixin, BaseEstimator):
     """Does as it is told, in `fit` or when it is asked."""

@@ -89,7 +89,6 @@ def test_no_gap_is_claimed_where_no_bound_is_certified(small):
 
 
 ENDLESS = {"percepts tell less and less", "independent percepts"}  # trials are as long as may be
-QUICK = "recordings run out"  # the others are `long`
 PROBLEMS = {  # of the toy domain; undiscounted, as `bayes` plans
     "recordings run out": {
         "precision": 8.0,

@@ -19,7 +19,6 @@ from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 OBJECTS = 80
 ATTRIBUTES = 6
 BEHAVIORS = 5
-LEVELS = 4
 
 
 def simulate(rng, sd, objects=OBJECTS, recordings=4):

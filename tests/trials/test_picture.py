@@ -132,7 +132,7 @@ def test_values_of_a_planner_that_no_axis_holds_are_left_out(value, every, bonus
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("agent", ["random", "random_legal", "greedy", "olfc", "predefined_plus"])
 @pytest.mark.parametrize("question", ["red", "red, plastic, full, soft, container, glass, metal"])
-def test_any_trial_is_drawn(agent, question, tmp_path):
+def test_any_trial_is_drawn(agent, question):
     known = meal_bayes.load_percepts("ispy32").domain.attributes
     asked = [name for name in known if name in question.split(", ")] or known[:7]
     names = meal_bayes.load_percepts("ispy32").objects

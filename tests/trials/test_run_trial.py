@@ -14,8 +14,6 @@ from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Task, run_trial, truth_of
 
-REPORT = "report"  # of the most probable values
-
 
 class Script:
     """Policy: the named behaviors in order, then a report; keeps what it was shown."""
