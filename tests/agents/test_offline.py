@@ -193,14 +193,14 @@ PLAN_AS_BAYES = [name for name in AGENTS if "bayes" in name and name != "bayes"]
 
 
 @pytest.mark.quick(4)
-@pytest.mark.parametrize("trials", [4, pytest.param(48, marks=pytest.mark.long)])
+@pytest.mark.parametrize("trials", [4, pytest.param(16, marks=pytest.mark.long)])
 @pytest.mark.parametrize("signal", [0.0, 2.0])
 @pytest.mark.parametrize("name", AGENTS)
 def test_nothing_illegal_is_commanded(make, name, signal, trials):
     """A session refuses what is not legal, by `MOMDP.check_action`."""
     table = make.table("ispy32", signal=signal)
     learner = make.learner(table, name)
-    tasks = range(trials)
+    tasks = range(0, 48, 3)[:trials]
     if name in PLAN_AS_BAYES and trials > 4:
         tasks = tasks[PLAN_AS_BAYES.index(name) % 3 :: 3]  # each a third of them, another one
     for index in tasks:
