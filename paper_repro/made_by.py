@@ -3,8 +3,8 @@
 A change of prose or of place makes no table old: comments, docstrings, messages of errors, layout,
 imports, and the file in which a function stands do not count. Neither do files that show or store
 results and decide no number (`SHOWING`). Every other file of the package counts, so that a new one
-is not forgotten; of a command that runs a script, the script counts too, and of one that runs an
-item of the paper, its script and what items share (`SHARED`).
+is not forgotten; of a command that runs a script, the script and what it imports from its folder
+count too, and of one that runs an item of the paper, its script and what items share (`SHARED`).
 
 A change of the package that decides nothing else need not make results again: if no decision of
 `benchmarks/digests.py` differs, `--carry-over` gives the results the digest of the changed code.
@@ -26,9 +26,8 @@ SHOWING = (  # files and folders of the package
     "trial_log", "untrusted.py", "viewer",
     "datasets/bags.py", "evaluation/plots.py", "evaluation/posterior_report.py",
     "evaluation/report.py", "experiments/parallel.py", "experiments/store.py", "learner/card.py",
-    "learner/find.py", "learner/saved.py", "learner/trial_logs.py", "learner/views.py",
-    "momdp/flat_pomdp.py", "momdp/solver_files.py", "posterior/idata.py", "trials/picture.py",
-    "trials/text.py",
+    "learner/find.py", "learner/saved.py", "learner/trial_logs.py", "posterior/idata.py",
+    "trials/picture.py", "trials/text.py",
 )  # fmt: skip
 SHARED = (  # of the paper's items
     "agents.py", "frame.py", "inference.py", "offline.py", "online.py", "paper_values.toml",
@@ -60,11 +59,24 @@ def sources(command: str, root: Path = ROOT) -> Iterator[Path]:
     yield from (file for file in _files(package) if not _is_part(file, package, SHOWING))
     program, *words = shlex.split(command)
     if program == "python":
-        yield root / words[0]
+        yield from _with_imported(root / words[0])
     elif words[0] == "reproduce":
         items = root / "paper_repro"
         yield from (file for file in _files(items) if _is_part(file, items, SHARED))
         yield items / "items" / f"{words[1]}.py"
+
+
+def _with_imported(script: Path) -> set[Path]:
+    """Return a script and the files beside it that it imports, and that these import."""
+    found, left = set[Path](), [script]
+    while left:
+        found.add(file := left.pop())
+        nodes = [*ast.walk(ast.parse(file.read_bytes()))]
+        names = [one.name for node in nodes if isinstance(node, ast.Import) for one in node.names]
+        names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+        beside = (script.parent / f"{name}.py" for name in names if name)
+        left += [file for file in beside if file.is_file() and file not in found]
+    return found
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -84,6 +84,23 @@ def test_a_function_that_moves_to_another_file_makes_no_table_old(made):
     assert made(**moved) == first
 
 
+def test_what_a_script_imports_from_its_folder_counts(readme, tmp_path):
+    def digest(number, **changed):
+        root = tmp_path / str(number)
+        scripts = {"run": "from models import x", "models": "import tools", "tools": ""}
+        for name, text in {**scripts, "other": "", **changed}.items():
+            path = root / "benchmarks" / f"{name}.py"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(f"{text}\ny = 1\n", encoding="utf-8")
+        (root / "meal_bayes").mkdir()
+        return readme.made_by("python benchmarks/run.py", root)
+
+    first = digest(0)
+    assert digest(1, other="x = 2") == first
+    for number, name in enumerate(("run", "models", "tools"), 2):
+        assert digest(number, **{name: "from models import x\nimport tools\nx = 2"}) != first
+
+
 def test_results_are_carried_over_if_only_the_package_changed(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import digests  # noqa: PLC0415  a script that imports its siblings
