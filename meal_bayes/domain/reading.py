@@ -117,6 +117,11 @@ def words_of(question: str, vocabulary: Mapping[str, str], domain: Domain) -> li
             runs.append([word])
         end = match.end()
     words = [word for run in runs for word in (run[:1] if len(run) == 2 else run)]
+    for before, *two in zip(["", *words], words, words[1:], strict=False):
+        if two == ["out", "of"] and before != "made":
+            raise QueryError(
+                'The question says "out of", which may deny what follows; say "not", or "made of".'
+            )
     # "weigh" asks for the weight, unless an attribute is called so.
     asks = {"weigh"} if vocabulary.get("weigh") == "weight" else set[str]()
     kept = [w for i, w in enumerate(words) if w in asks or not _is_verb(words, i)]

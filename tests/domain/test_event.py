@@ -116,13 +116,15 @@ MEANINGS = {
     "neither {}, {} nor {}": lambda a, b, c: not a and not b and not c,
     "neither {} nor {} nor {}": lambda a, b, c: not a and not b and not c,
     "neither {} nor {}, and {}": lambda a, b, c: not a and not b and c,
+    "made out of {}": lambda a: a,
     "{}, {} and without {}": lambda a, b, c: a and b and not c,
 }
 AMBIGUOUS = (
     "!{}", "~{}", "-{}", "{} | {}", "{} || {}", "{} && !{}", "not ({} and {})", "({} or {})",
     "not not {}", "not without {}", "neither not {} nor {}", "{} and not and {}", "{} if {}",
     "not both {} and {}", "not either {} or {}", "neither {} and {}", "{} nor {}",
-    "without {} or {}", "no {}, {}", "{} != {}", "{} xor {}", "{} / {}",
+    "out of {}", "not out of {}", "{} and out of {}", "without {} or {}", "no {}, {}",
+    "{} != {}", "{} xor {}", "{} / {}",
 )  # fmt: skip
 PLAIN = load_domain("cy101")
 NAMES = [name for name in PLAIN.attributes if name.isalpha()]

@@ -50,6 +50,7 @@ def test_reading(question, domain, attributes):
         ("red and brown", "names 'brown' twice"),
         ("Is it not heavy?", "contains 'not'. List the attributes"),
         ("Isn't it heavy?", 'contains "isn\'t". List the attributes'),
+        ("Is it out of beans?", 'says "out of", which may deny'),
         ("Is it heavy or light?", "contains 'or'. List the attributes"),
         ("", "No attribute found in ''; expected some of: light"),
         ([], "names no attribute; name at least one"),
