@@ -463,7 +463,8 @@ def checked_percepts(values: object, domain: Domain) -> Said:
     Raises
     ------
     DataError
-        No mapping, a name that the domain does not have, or a value that is none of these.
+        No mapping, a name that the domain does not have, a value that is none of these, or two
+        different ones of an attribute, by its own name and by its group's.
 
     Examples
     --------
@@ -480,18 +481,30 @@ def checked_percepts(values: object, domain: Domain) -> Said:
         if members and value is not None:
             if value not in members:
                 raise DataError(unknown(f"value of {name!r}", str(value), members))
-            said.sure.update({member: 1.0 if member == value else -1.0 for member in members})
+            _add(said, Said({m: 1.0 if m == value else -1.0 for m in members}, {}))
         elif name in domain.attributes:
-            _read_value(name, value, said)
+            _add(said, _said_of(name, value))
         elif not members:
             raise DataError(unknown("attribute", str(name), (*domain.attributes, *domain.groups)))
     return said
 
 
-def _read_value(name: str, value: Any, said: Said) -> None:
-    """Add what is said of an attribute, if anything."""
+def _add(said: Said, more: Said) -> None:
+    """Add what more is said; raise a `DataError` where the two contradict each other."""
+    for ours, others, new in zip(said, said[::-1], more, strict=True):
+        for name, value in new.items():
+            if name in others or ours.get(name, value) != value:
+                raise DataError(
+                    f"percepts say two things of {name!r}, by its name and by its group's; give one"
+                )
+            ours[name] = value
+
+
+def _said_of(name: str, value: Any) -> Said:
+    """Return what is said of an attribute, if anything."""
+    said = Said({}, {})
     if value is np.ma.masked:
-        return
+        return said
     if getattr(value, "ndim", None) == 0:  # a number of numpy or of a tensor package
         value = value.item()
     if isinstance(value, str) and value in _SURENESS:
@@ -512,6 +525,7 @@ def _read_value(name: str, value: Any, said: Said) -> None:
             f"the percept of {name!r} is {value!r:.60}; expected True or False, one of {names}, or "
             "a number, which is a score"
         )
+    return said
 
 
 def detected_levels(

@@ -51,6 +51,20 @@ def test_what_is_no_score_is_told_in_one_line(domain, value):
     assert "'red'" in execution.warning
 
 
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [("brown", False), ("brown", "no"), ("brown", "yes"), ("green", True), ("green", 0.1)],
+)
+def test_a_group_and_its_value_do_not_contradict_each_other(value, told, order):
+    roc36 = load_domain("roc36")
+    both = dict([("color", value), ("brown", told)][::order])
+    with pytest.raises(DataError, match="two things of 'brown'"):
+        checked_percepts(both, roc36)
+    said = checked_percepts({"color": value, "brown": value == "brown"}, roc36)
+    assert said == checked_percepts({"color": value}, roc36)
+
+
 @pytest.mark.parametrize("value", [None, np.ma.masked])
 def test_nothing_is_no_score(domain, value):
     assert checked_percepts({"red": value}, domain) == ({}, {})
