@@ -230,6 +230,11 @@ def _labels(
         rows = (dict(zip(domain.attributes, row, strict=True)) for row in labels)
         values = dict(zip(objects, rows, strict=True))
     names = tuple(values) if objects is None else tuple(objects)
+    if strangers := [name for name in values if name not in names]:
+        warn_user(
+            f"Labels of {listed(strangers)} are left out, because `objects` does not name "
+            f"{'it' if len(strangers) == 1 else 'them'}."
+        )
     table = np.full((len(names), len(domain.attributes)), -1, np.int8)
     for index, name in enumerate(names):
         try:

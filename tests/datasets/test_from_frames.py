@@ -102,6 +102,14 @@ def test_labels_of_attributes_that_do_not_exist_are_told(files, from_files):
         Dataset.from_frames(domain, frames(files)[0], {"cup": {"heavey": 1}, "stone": {}})
 
 
+def test_labels_of_an_object_that_is_not_named_are_left_out_with_a_warning(from_files):
+    labels = {"Cup": {"heavy": 1}, "stone": {"heavy": 0}}
+    with pytest.warns(UserWarning, match=r"Labels of Cup are left out"):
+        Dataset.from_frames(
+            from_files.domain, from_files.features, labels, objects=from_files.objects
+        )
+
+
 @pytest.mark.parametrize(
     "rows",
     [[["4_0", "1"]], [[1j, 2]], np.ma.array([[1.0, 2.0]], mask=[[False, True]]), [[None, 1]]],
