@@ -28,6 +28,13 @@ def test_copies_within_a_cluster_are_no_new_cases(x, copies):
     assert clustered(np.repeat(x, copies), clusters).se == pytest.approx(usual, abs=1e-9)
 
 
+@pytest.mark.parametrize("share", [(0, 1), (0, 0, 1), (0, 1, 1), (0, 0, 0, 0, 0, 0, 1)])
+def test_equal_fractions_of_few_objects_are_not_certain(share):
+    interval = clustered(share * 8, np.repeat(np.arange(8), len(share)), fraction=True).interval()
+    assert interval.low < interval.estimate - 0.1
+    assert interval.high > interval.estimate + 0.1
+
+
 @given(values, st.data())
 def test_running_means_are_those_of_every_beginning(x, data):
     """The curve of the viewer and the table of the report have one error bar."""
