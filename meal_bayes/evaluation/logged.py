@@ -5,6 +5,7 @@ The logs of an online run hold training trials, and tests after every batch of t
 would be measures of nobody: of an agent that knew nothing and of what it became.
 """
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import LogError, MealBayesError
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trial_log.folder import ASK
@@ -28,6 +31,7 @@ TELLING = 3  # trials that a report shows whole
 LOSS = "the lowest reward"  # of the agent's trials; so are the others
 DEAREST = "the right answer that cost most"
 GAIN = "the highest reward"
+_EARNING = ("reward", "payoffs", "percepts", "perception", "answers", "learning")  # settings
 _NONE = -1  # repeat or batch of a trial whose log names none
 
 
@@ -52,6 +56,34 @@ class LogPart(NamedTuple):
         if part not in (TRAINING, TEST) or not isinstance(batch, int):
             return cls(repeat)
         return cls(repeat, batch, str(part))
+
+
+def _check_earning(earlier: dict[str, Group], group: Group) -> None:
+    """Raise a `LogError` where a group has other rewards or percepts than one of equal tasks."""
+    config = group.header.get("config")
+    if not isinstance(config, dict):
+        return
+    asked = [config.get(name) for name in ("dataset", "attributes", "answer")]
+    other = earlier.setdefault(json.dumps(asked, sort_keys=True), group)
+    settings: Any = other.header["config"]
+    for name in _EARNING:
+        values = [settings.get(name), config.get(name)]
+        if values[0] != values[1] and name == "reward":
+            values = [_reward(settings), _reward(config)]
+        if values[0] != values[1]:
+            raise LogError(
+                f"{other.file} and {group.file} are runs with different settings: {name} is "
+                f"{values[0]!r:.60} and {values[1]!r:.60}; name the logs of one."
+            )
+
+
+def _reward(config: Mapping[str, Any]) -> object:
+    """Return the reward of a run, which by default is that of its domain."""
+    reward = config.get("reward")
+    if reward is None:
+        with contextlib.suppress(MealBayesError, OSError):
+            return load_domain(config["dataset"]).report_reward
+    return reward
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -83,10 +115,13 @@ class LoggedOutcomes:
         Raises
         ------
         LogError
-            Not one trial can be read, or the logs are of several data sets.
+            Not one trial can be read, the logs are of several data sets, or trials of equal tasks
+            have settings by which they earn different rewards.
         """
         columns = list[tuple[TrialOutcomes, Ints, Ints, NDArray[np.object_]]]()
+        earlier = dict[str, Group]()
         for group in logs.begun():
+            _check_earning(earlier, group)
             if on_group is not None:
                 on_group(group)
             log_part = LogPart.of(group.header)

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.evaluation import compare, summarize
 from meal_bayes.evaluation.learning import POOLED, summarize_learning
 from meal_bayes.evaluation.logged import LoggedOutcomes
@@ -201,6 +201,32 @@ def test_the_other_reference_changes_every_sign(online, tmp_path, cells):
         assert sorted(map(float, numbers)) == pytest.approx(sorted(map(float, others)))
     with pytest.raises(SettingsError, match="reference 'nobody' has no trial here"):
         write_report(Logs(online), tmp_path / "r.html", reference="nobody")
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        (({"reward": 100.0}, {"reward": 500.0}), "reward is 100.0 and 500.0"),
+        (({"reward": 100.0}, {"reward": None}), "reward is 100.0 and 500.0"),
+        (({"reward": None}, {"reward": 500.0}), ""),
+        (({"percepts": "recorded"}, {"percepts": "model"}), "percepts is 'recorded' and 'model'"),
+        (({"payoffs": None}, {"payoffs": [1.0, -1.0, 1.0, -1.0]}), "payoffs is None and"),
+        (({"seed": 1}, {"seed": 2}), ""),
+        (({"attributes": 1, "reward": 1.0}, {"attributes": 2, "reward": 2.0}), ""),
+    ],
+)
+def test_trials_that_earn_differently_are_not_compared(settings, says, tmp_path):
+    for name, setting in zip("ab", settings, strict=True):
+        trials = outcomes_of(name, [*"xyz"], OBJECTS[:3], [1, -1, 1])
+        config = {"dataset": "roc36", "attributes": 2, **setting}
+        write_trials(tmp_path / f"{name}.mcap", [trials], header={"config": config})
+    logs = Logs(tmp_path)
+    if not says:
+        assert len(LoggedOutcomes.read(logs).outcomes) == 6
+        return
+    with pytest.raises(LogError, match=says) as fault:
+        LoggedOutcomes.read(logs)
+    assert "\n" not in str(fault.value)
 
 
 def test_trials_without_batches_are_all_measured(tmp_path):
