@@ -82,7 +82,8 @@ def offline_tasks(
     _check_labeled(table, names, n_attributes, conjunctions=answer == "yes or no")
     # The stream names no agent: all are asked the same.
     rng = stream(seed, "tasks", table.domain.data, n_attributes)
-    groups = list(table.domain.groups.values())
+    of_groups = (tuple(n for n in group if n in names) for group in table.domain.groups.values())
+    groups = [members for members in of_groups if members]
     objects = range(len(table.objects))
     count = len(objects) * math.comb(len(names), n_attributes)
     # By groups (ROC36); one by one where a list would be too long; else all, shuffled.

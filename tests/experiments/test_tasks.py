@@ -121,6 +121,16 @@ class TestSeeds:
             assert task.object_name == roc36.objects[task.object_index]
 
 
+def test_values_of_too_few_objects_are_not_asked_in_groups_either(roc36):
+    domain = dataclasses.replace(roc36.domain, asked_minimum=9)
+    table = dataclasses.replace(roc36, domain=domain)
+    names = {*askable(table)}
+    assert 0 < len(names) < len(domain.attributes)
+    for n in (1, 2):
+        asked = [task.query.attributes for task in offline_tasks(table, n, 100, 0)]
+        assert {name for attributes in asked for name in attributes} == names
+
+
 class TestMistakes:
     @pytest.mark.parametrize("n", [-1, 0, 38])
     def test_attributes_out_of_range(self, ispy32, n):
