@@ -108,6 +108,7 @@ def curves_config(
         repeats=repeats,
         seed=setting.seed,
         reward=paper_values("online_reward"),
+        second_rater=False,  # the paper does not say what people answered
         **(VARIANTS if code else {}),
         split=split or setting.choose(PUBLISHED[n] if code else THIRDS, FEW_TESTED),
         key=agents.key(),

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import Agent, ITRSBonus, as_agent
-from meal_bayes.arrays import check_whole, is_whole, plain_fields
+from meal_bayes.arrays import check_whole, check_yes_no, is_whole, plain_fields
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
@@ -162,6 +162,10 @@ class OnlineConfig:
         What people say after a training trial. With "verdict", people say whether the report was
         right. With "joint", this verdict about the whole report becomes the label of each
         attribute, as in the authors' code.
+    second_rater : bool
+        Whether behaviors that ask a person return the answers of a second rater, for objects and
+        attributes of which the data set has one. All other answers are drawn by the accuracy in the
+        domain; so are all answers if `second_rater` is False.
     learning : tuple[tuple[str, Any], ...]
         Other settings of the learner. Each is a pair: the name of a field of `LearnerSettings`, and
         its value.
@@ -204,6 +208,7 @@ class OnlineConfig:
     alpha: float | None = None
     beta: float | None = None
     answers: str = "verdict"
+    second_rater: bool = True
     learning: tuple[tuple[str, Any], ...] = ()
     percepts: str = "recorded"
     normalizer: str = "paper"
@@ -230,6 +235,7 @@ class OnlineConfig:
                 agents.append(agent)
         object.__setattr__(self, "agents", tuple(agents))
         _check_size(self, ("repeats", "batches", "trials"), ("attributes", "horizon"))
+        check_yes_no("second_rater", self.second_rater)
         sizes = [part if isinstance(part, int) else len(part) for part in self.split]
         if len(sizes) != 3 or min(sizes) < 1:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")

@@ -65,8 +65,14 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
     """Keep some of the attributes."""
     columns = dataset.domain.columns(attributes)
     domain = restricted_domain(dataset.domain, attributes)
+    answers = None if dataset.answers is None else dataset.answers[:, columns]
     return Dataset(
-        domain, dataset.objects, dataset.features, dataset.labels[:, columns], rows_checked=True
+        domain,
+        dataset.objects,
+        dataset.features,
+        dataset.labels[:, columns],
+        rows_checked=True,
+        answers=answers,
     )
 
 
@@ -298,7 +304,7 @@ class Environment:
 
         def person(accuracy: float) -> dict[str, bool]:
             answers = answer(self._data.labels[index, columns], accuracy, 2, rng)
-            if self._data.answers is not None:  # of a person who said so of this very object
+            if self._data.answers is not None and self._config.second_rater:
                 said = self._data.answers[index, columns]
                 answers = np.where(said >= 0, said, answers)
             return dict(zip(task.query.attributes, (answers == 1).tolist(), strict=True))

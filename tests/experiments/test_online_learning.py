@@ -188,6 +188,20 @@ def test_random_legal_keeps_to_its_budget_and_draws_anew():
     assert len({tuple(facts(trial)[0]) for trial in trials}) == len(trials)
 
 
+@pytest.mark.parametrize("second_rater", [True, False])
+def test_a_person_says_what_the_second_rater_said(second_rater):
+    said = 1 - DATASET.labels
+    said[:, 1] = -1  # of the second attribute nothing
+    rated = Dataset(TOY, DATASET.objects, DATASET.features, DATASET.labels, answers=said)
+    environment = Run("prior", rated, second_rater=second_rater).environment
+    for o in range(3):
+        task = Task("both", Query(TOY.attributes), o, DATASET.objects[o], ("toy", o))
+        person = environment._robot(task, learn=False)._person
+        answers = [person(1.0)[name] == 1 for name in TOY.attributes]
+        right = DATASET.labels[o] == 1
+        assert answers == [right[0] != second_rater, right[1]]
+
+
 @pytest.mark.parametrize("answers", ["verdict", "joint"])
 def test_every_bonus_of_ours_is_by_equation_11(answers):
     """From the first question on, and though people tell nothing but what was asked."""

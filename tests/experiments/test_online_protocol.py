@@ -1,5 +1,7 @@
 """The online protocol: which objects teach, which are asked about, the same for every agent."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -144,6 +146,9 @@ def test_restricted_keeps_the_columns_of_what_is_kept():
             part.labels[:, part.domain.attribute_index(name)],
             data.labels[:, data.domain.attribute_index(name)],
         )
+    rated = restricted(replace(data, answers=1 - data.labels), names)
+    np.testing.assert_array_equal(rated.answers, 1 - part.labels)
+    assert part.answers is None
     assert part.features.keys() == data.features.keys()
     assert set(part.domain.synonyms.values()) <= set(names)
     group, members = next(iter(data.domain.groups.items()))
