@@ -17,7 +17,7 @@ MASS = 0.95  # of intervals, on all pages
 MASS_TEXT = f"{100 * MASS:g} %"
 LOW_QUANTILE = (1 - MASS) / 2
 HIGH_QUANTILE = (1 + MASS) / 2
-_ROUNDING = 1e-9  # of a fraction; a smaller standard error is 0
+ROUNDING = 1e-9  # of a fraction, s; what is smaller is 0
 
 
 class Interval(NamedTuple):
@@ -117,7 +117,7 @@ class Estimate:
     def cases(self) -> float:
         """Number of independent cases with which a fraction would have the same standard error."""
         p = self.estimate
-        if self.se > _ROUNDING and 0 < p < 1:
+        if self.se > ROUNDING and 0 < p < 1:
             return p * (1 - p) / self.se**2
         return max(self.clusters, 1.0)
 

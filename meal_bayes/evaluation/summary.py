@@ -18,6 +18,7 @@ from meal_bayes.evaluation.calibration import (
     negative_log_likelihood,
 )
 from meal_bayes.evaluation.statistics import (
+    ROUNDING,
     Estimate,
     Interval,
     Measures,
@@ -319,7 +320,7 @@ def comparisons(
         estimate, _, low, high = difference(other, base, measure=measure).interval()
         more_is_worse = measure in ("cost", "abstained")
         verdict = "cannot be said"
-        if low > 0 or high < 0:
+        if low > ROUNDING or high < -ROUNDING:
             verdict = "ahead" if (low > 0) != more_is_worse else "behind"
         rows.append(Comparison(name, reference, measure, tasks, estimate, low, high, verdict))
     return rows

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.agents import ITRSBonus
 from meal_bayes.datasets import Dataset, PerceptTable, load_dataset, load_percepts, object_index
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Domain, Query
@@ -478,6 +479,13 @@ def plan_online(config: OnlineConfig, *, logs: str | Path = LOGS, fresh: bool = 
 
     Arguments are those of `run_online`.
     """
+    weighted = any(isinstance(agent.exploration, ITRSBonus) for agent in config.agents)
+    if not weighted and (config.alpha, config.beta) != (None, None):
+        names = ", ".join(agent.name for agent in config.agents)
+        raise SettingsError(
+            f"alpha and beta are weights of Eq. 11, which none of the agents {names} takes; leave "
+            "them out, or run morc_itrs or bayes_itrs."
+        )
     domain = _protocol(config, 0).dataset.domain  # raises here, not in a process, what is wrong
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward

@@ -105,6 +105,17 @@ def test_agents_are_compared_on_shared_tasks():
     assert compare(TRIALS, "bayes", "morc", measure="success").estimate == pytest.approx(0.5)
 
 
+def test_rounding_puts_no_agent_ahead():
+    trials = []
+    for n, costs in enumerate([(0.1 + 0.2 + 0.3, 0.3 + 0.2 + 0.1), (0.7, 0.1 + 0.6)]):
+        for name, cost in zip("ab", costs, strict=True):
+            trials.append(trial(name, [0.9, 0.9], [True, True], [True, True], cost, n, n))
+    outcomes = TrialOutcomes.of(trials)
+    (row,) = comparisons(outcomes, measure="cost", reference="a")
+    assert row.difference != 0
+    assert row.verdict == "cannot be said"
+
+
 def test_what_cannot_be_compared_is_refused():
     with pytest.raises(SettingsError, match="'bayes' share no task with a reward"):
         compare(TRIALS, "bayes", "greedy")

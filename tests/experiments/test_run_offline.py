@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments import OfflineConfig, OnlineConfig, offline_tasks, run_offline
+from meal_bayes.experiments import (
+    OfflineConfig,
+    OnlineConfig,
+    offline_tasks,
+    run_offline,
+    run_online,
+)
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import read_header, read_trials
 
@@ -191,6 +197,12 @@ def test_configs_are_checked(wrong, message):
 def test_configs_of_online_runs_are_checked(wrong, message):
     with pytest.raises(SettingsError, match=message):
         OnlineConfig("toy", **wrong)
+
+
+@pytest.mark.parametrize("weights", [{"alpha": 3.0}, {"beta": 0.0}])
+def test_weights_that_no_agent_takes_are_refused(weights, tmp_path):
+    with pytest.raises(SettingsError, match="none of the agents bayes, prior takes"):
+        run_online(OnlineConfig("toy", agents=("bayes", "prior"), **weights), logs=tmp_path)
 
 
 @pytest.mark.parametrize(
