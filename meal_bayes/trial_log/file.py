@@ -8,7 +8,6 @@ asks for memory.
 """
 
 import contextlib
-import itertools
 import json
 import os
 import platform
@@ -36,6 +35,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from meal_bayes.digests import package_version
+from meal_bayes.domain import unknown
 from meal_bayes.errors import (
     DomainError,
     LogCorruptError,
@@ -292,6 +292,8 @@ class TrialWriter:
     ) -> None:
         self.path = checked_path("The log", path)
         self._overwrite = overwrite
+        if form not in PROFILES:
+            raise SettingsError(unknown("form", form, PROFILES))
         self._form = form
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
@@ -444,6 +446,10 @@ class TrialWriter:
 
         To append a trial with its steps, call `write` between two calls of this method.
         """
+        if self._form != COMPACT:
+            raise LogError(
+                f"{self.path} is a {self._form} log, which holds no outcomes; give form='compact'."
+            )
         for begin in range(0, len(outcomes), ROWS):
             rows = outcomes.rows(slice(begin, begin + ROWS))
             number = self.written.trials
@@ -493,6 +499,7 @@ def write_trials(
     header: Mapping[str, object],
     seconds: Sequence[float] = (),
     overwrite: bool = False,
+    form: str = "",
 ) -> None:
     """Write trials into one log file.
 
@@ -501,19 +508,22 @@ def write_trials(
     path : str | Path
         File to write, with the ending .mcap.
     trials : Iterable[Trial | TrialOutcomes]
-        Trials, which make a full log, or outcomes without steps, which make a compact log.
+        Trials, or outcomes without steps.
     header : Mapping[str, object]
         Description of the run, such as its settings, seed and Git commit, as JSON values.
     seconds : Sequence[float]
         Wall-clock seconds of the first trials, in their order.
     overwrite : bool
         Whether an existing file is replaced.
+    form : str
+        "full" for trials, or "compact", which holds outcomes and whole trials; by default, what the
+        first entry is.
 
     Raises
     ------
     LogError
-        The file exists already or cannot be written, or the shapes or values of a trial's arrays do
-        not fit the MOMDP of the trial.
+        The file exists already or cannot be written, outcomes are to be written into a full log, or
+        the shapes or values of a trial's arrays do not fit the MOMDP of the trial.
 
     Examples
     --------
@@ -527,8 +537,8 @@ def write_trials(
     entries = iter(trials)
     times = iter(seconds)
     first = next(entries, None)
-    form = COMPACT if isinstance(first, TrialOutcomes) else FULL
-    with TrialWriter(path, header, form, overwrite=overwrite) as log:
+    held = form or (COMPACT if isinstance(first, TrialOutcomes) else FULL)
+    with TrialWriter(path, header, held, overwrite=overwrite) as log:
         for entry in chain([] if first is None else [first], entries):
             if isinstance(entry, TrialOutcomes):
                 log.write_outcomes(entry, times)
@@ -1105,13 +1115,13 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     out = beside if out is None else checked_path("The log", out)
     if out.exists():
         raise LogError(f"{out} exists already; remove it or name another file to recover into.")
-    trials = scan.salvage()
-    first = next(trials, None)
-    if first is None:
+    kinds = {type(entry) for entry in scan.salvage()}
+    if not kinds:
         why = scan.problems[0] if scan.problems else "it is whole, and empty"
         raise LogCorruptError(f"{scan.path} holds no whole trial to recover: {why}.")
     header = {**(scan.builder.header or {}), "recovered_from": scan.path.name}
-    write_trials(out, itertools.chain([first], trials), header=header)
+    form = COMPACT if scan.builder.form == COMPACT or TrialOutcomes in kinds else FULL
+    write_trials(out, salvage(scan.path), header=header, form=form)
     return out
 
 

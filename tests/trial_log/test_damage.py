@@ -19,7 +19,7 @@ from mcap.writer import MCAP0_MAGIC, Writer
 
 import meal_bayes
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
+from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, SettingsError
 from meal_bayes.trial_log import (
     TrialWriter,
     check_log,
@@ -149,6 +149,26 @@ def test_recovering_to_the_name_that_was_meant_keeps_the_torn_file(whole, make, 
     assert active.read_bytes() == data[: len(data) // 2]
     with pytest.raises(LogError, match="exists already"):
         recover_log(active, saved)
+
+
+@pytest.mark.parametrize("cut", [0, 40])
+def test_a_compact_log_that_begins_with_a_whole_trial_is_recovered(make, tmp_path, cut):
+    first, *others = make.trials(6, 2)
+    outcomes = TrialOutcomes.of(others)
+    write_trials(path := tmp_path / "run.mcap", [first, outcomes], header={}, form="compact")
+    path.write_bytes(path.read_bytes()[: -cut or None])
+    saved = recover_log(path)
+    assert log_info(saved).form == "compact"
+    assert make.equal(tuple(Scan(saved).entries()), (first, outcomes))
+    assert [file.name for file in tmp_path.iterdir() if file.suffix == ".active"] == []
+
+
+def test_outcomes_are_not_written_into_a_full_log(make, tmp_path):
+    first, *others = make.trials(3, 2)
+    with pytest.raises(LogError, match=r"a full log, .* give form='compact'"):
+        write_trials(tmp_path / "run.mcap", [first, TrialOutcomes.of(others)], header={})
+    with pytest.raises(SettingsError, match="form 'packed'"):
+        write_trials(tmp_path / "run.mcap", [first], header={}, form="packed")
 
 
 def write_then_fail(log, trial):
