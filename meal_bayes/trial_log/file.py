@@ -140,7 +140,7 @@ CUT_SHORT = "the file ends before its closing records"  # what is said of these
 NO_END = "the closing record is missing"
 MERGED = (
     "the messages of two logs are mixed by time, as `mcap merge` does; read the logs that were "
-    "merged (`cat` leaves each whole, and `meal-bayes log recover` reads all of them)"
+    "merged (`cat` leaves each whole, and `meal-bayes log recover` reads all of one header)"
 )
 _WITH_ITS_CODE = "run its configuration again, or read it with the version that wrote it"
 _SEARCHED = 4  # blocks of the record limit
@@ -988,6 +988,7 @@ class Scan:
         self.problems: list[str] = []
         self.builder = TrialBuilder()
         self.read = End()  # in all logs of the file
+        self.headers: list[tuple[int, dict[str, object] | None]] = []  # and where each log begins
         self._foreign: ForeignFileError | None = None  # why a log in the file is none
         self.unread = 0  # bytes that are passed over
 
@@ -1020,6 +1021,8 @@ class Scan:
                 if unfinished:
                     with self._noting():
                         yield from filter(None, [builder.unfinished()])
+                if builder.header is not None or builder.read.trials:
+                    self.headers.append((begin, builder.header))
                 begin = next_log(file, max(offset, begin + 1)) if self._tolerant else size
                 self.unread += begin - offset
                 if begin >= size:
@@ -1108,7 +1111,8 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     Raises
     ------
     LogError
-        `out` exists already, or `salvage` raises the error.
+        `out` exists already, the file holds logs with different headers (as `cat` makes it), or
+        `salvage` raises the error.
     """
     scan = Scan(path, tolerant=True)
     beside = scan.path.with_name(f"{stem_of(scan.path)}{RECOVERED}{SUFFIX}")
@@ -1119,7 +1123,16 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     if not kinds:
         why = scan.problems[0] if scan.problems else "it is whole, and empty"
         raise LogCorruptError(f"{scan.path} holds no whole trial to recover: {why}.")
-    header = {**(scan.builder.header or {}), "recovered_from": scan.path.name}
+    (_, found), *others = scan.headers
+    if other := next((place for place, header in others if header != found), 0):
+        ways = (f"head -c {other}", "first.mcap"), (f"tail -c +{other + 1}", "second.mcap")
+        cut = " and ".join(f"{command_line(way, scan.path)} > {name}" for way, name in ways)
+        raise LogError(
+            f"{scan.path} holds logs with different headers, and one header cannot describe the "
+            f"trials of all; the next begins at byte {other}. Cut the file there ({cut}), and "
+            "recover each part."
+        )
+    header = {**(found or {}), "recovered_from": scan.path.name}
     form = COMPACT if scan.builder.form == COMPACT or TrialOutcomes in kinds else FULL
     write_trials(out, salvage(scan.path), header=header, form=form)
     return out

@@ -1,6 +1,7 @@
 """Logs that other programs wrote again, joined or mixed: all trials, or one line that says why."""
 
 import json
+import re
 import subprocess
 from io import BytesIO
 
@@ -17,6 +18,7 @@ from meal_bayes.trial_log import (
     Feedback,
     check_log,
     log_info,
+    read_header,
     read_trials,
     recover_log,
     write_feedback,
@@ -158,7 +160,7 @@ def logs(make, tmp_path_factory):
     for size in range(4):
         path = folder / f"part{size}.mcap"
         trials = make.trials(size, size, steps=2)
-        write_trials(path, trials, header={"seed": size})
+        write_trials(path, trials, header={"seed": 3})
         logs.append((path, trials))
     return logs
 
@@ -185,6 +187,24 @@ def test_every_log_of_a_file_is_recovered(logs, make, tmp_path_factory, sizes, b
         saved = list(read_trials(recover_log(joined)))
         assert all(map(make.equal, saved, whole))
         assert len(saved) <= len(whole) + sizes[-1]
+
+
+def test_logs_with_different_headers_are_not_recovered_as_one(make, tmp_path):
+    """Trials of the second would be trials of the first's run, part and batch."""
+    joined, trials = tmp_path / "all.mcap", make.trials(3, 1, steps=2)
+    parts = {"test": trials[:1], "train": trials[1:]}
+    for part, some in parts.items():
+        write_trials(tmp_path / f"{part}.mcap", some, header={"part": part})
+    joined.write_bytes(b"".join((tmp_path / f"{part}.mcap").read_bytes() for part in parts))
+    with pytest.raises(LogError, match="different headers") as caught:
+        recover_log(joined)
+    place = int(re.search(r"at byte (\d+)", str(caught.value))[1])
+    data = joined.read_bytes()
+    for part, piece in zip(parts, (data[:place], data[place:]), strict=True):
+        (path := tmp_path / f"{part}-cut.mcap").write_bytes(piece)
+        saved = recover_log(path)
+        assert read_header(saved)["part"] == part
+        assert all(map(make.equal, read_trials(saved), parts[part]))
 
 
 @pytest.mark.parametrize("chunked", [True, False])
