@@ -106,7 +106,7 @@ def save_csv_folder(dataset: Dataset, folder: str | Path, *, overwrite: bool = F
 
     folder = checked_path("The folder", folder)
     files = _files(dataset.domain, folder)
-    there = [path for path in (folder / _LABELS, *files.values()) if os.path.lexists(path)]
+    there = [path for path in csv_files(dataset.domain, folder) if os.path.lexists(path)]
     if there and not overwrite:
         raise OutputError(
             f"{there[0]} exists already, and recordings are not replaced; give another folder, or "
@@ -130,6 +130,11 @@ def save_csv_folder(dataset: Dataset, folder: str | Path, *, overwrite: bool = F
     )
     text = labels.astype("Int8").where(labels >= 0).to_csv(lineterminator="\n")
     write_whole(folder / _LABELS, text)
+
+
+def csv_files(domain: Domain, folder: Path) -> list[Path]:
+    """Name the files of a folder that `load_csv_folder` reads: others do not count."""
+    return [folder / _LABELS, *_files(domain, folder).values()]
 
 
 def _files(domain: Domain, folder: Path) -> dict[Context, Path]:

@@ -20,6 +20,7 @@ from meal_bayes.datasets import (
     percepts,
     save_percepts,
 )
+from meal_bayes.datasets.csv_files import csv_files
 from meal_bayes.datasets.percepts import shipped_path
 from meal_bayes.datasets.sources import SOURCES, find_folder
 from meal_bayes.digests import digest_of, package_version
@@ -205,11 +206,12 @@ def fingerprint(dataset: str, root: str | Path | None = None) -> str:
         parts.append(domain_table(load_domain(dataset)))
     folder = None if root is None else checked_path("root", root)
     if folder is not None and folder.is_dir():
-        data = load_domain(dataset).data
-        if data in SOURCES:
-            parts.append(find_folder(data, folder))
-        else:
-            parts.extend(sorted(folder.glob("*.csv")))
+        domain = load_domain(dataset)
+        if domain.data in SOURCES:
+            parts.append(find_folder(domain.data, folder))
+        else:  # by their names, too: two files may change places
+            files = sorted(csv_files(domain, folder))
+            parts += [[file.name for file in files if file.is_file()], *files]
     return digest_of(*parts) if parts else ""
 
 

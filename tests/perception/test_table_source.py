@@ -6,7 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import load_percepts, make_synthetic, percepts, save_percepts
+from meal_bayes.datasets import (
+    load_percepts,
+    make_synthetic,
+    percepts,
+    save_csv_folder,
+    save_percepts,
+)
 from meal_bayes.digests import digest_of
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
@@ -37,6 +43,21 @@ def test_recordings_are_another_run(own_data):
     file.write_bytes(content)
     assert changed != before
     assert fingerprint(str(own_data), str(own_data.parent)) == before
+
+
+def test_renamed_recordings_are_another_run_and_files_that_are_not_read_do_not_count(tmp_path):
+    save_csv_folder(small_data(), tmp_path)
+    labels, kept = tmp_path / "labels.csv", tmp_path / "labels_v2.csv"
+    prints = [fingerprint("toy", tmp_path)]
+    kept.write_text(labels.read_text().replace("1", "0"))
+    prints.append(fingerprint("toy", tmp_path))
+    labels.rename(tmp_path / "label_old.csv")  # the contents stay in their order
+    kept.rename(labels)
+    prints.append(fingerprint("toy", tmp_path))
+    labels.unlink()
+    prints.append(fingerprint("toy", tmp_path))
+    assert prints[0] == prints[1]
+    assert len(set(prints)) == 3
 
 
 def test_public_recordings_of_ones_own_mirror_are_another_run(tmp_path):
