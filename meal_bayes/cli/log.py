@@ -142,10 +142,14 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
 @_file
 @shared("json")
 def check(file: Path, as_json: bool) -> None:
-    """Read a log, or all logs in a folder, to the end; list problems, and exit with 1 if any."""
-    from meal_bayes.trial_log import check_log, log_files
+    """Read a log, or all logs in a folder, to the end; list problems, and exit with 1 if any.
 
-    reports = list(map(check_log, log_files(file)))
+    Logs of labels, in a folder "feedback", are read too.
+    """
+    from meal_bayes.trial_log import check_log, log_files
+    from meal_bayes.trial_log.file import FEEDBACK_FORM
+
+    reports = list(map(check_log, log_files(file, feedback=True)))
     if as_json:
         _print_json(reports, file)
     else:
@@ -153,6 +157,8 @@ def check(file: Path, as_json: bool) -> None:
             state = "complete and undamaged" if report.whole else "incomplete or damaged"
             state = state if report.ours else "no log of meal_bayes"
             held = f"{report.trials} trials, {report.steps} steps can be read"
+            if report.whole and report.form == FEEDBACK_FORM:
+                held = "labels, or a change of the learner"
             facts = {"file": str(report.path), "state": state, "holds": held}
             if not report.whole:
                 facts["problems"] = "\n".join(report.problems)

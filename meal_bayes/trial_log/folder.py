@@ -103,13 +103,13 @@ def _times_in(folders: Iterable[Path], since: str) -> Iterator[str]:
                 yield dated[1]
 
 
-def log_files(path: str | Path) -> list[Path]:
+def log_files(path: str | Path, *, feedback: bool = False) -> list[Path]:
     """Find the logs of a run: the file itself, or all logs of a folder in the order of their names.
 
     Each log is found once: as the complete file; without this, as its largest draft; without
     drafts, as its recovered file. The path of a log that does not exist is looked up in the same
     way (`find_log`). Hidden files and folders, such as `._run.mcap`, are skipped. Logs of feedback
-    contain no trials, and are not found in a folder.
+    contain no trials, and are found in a folder only with `feedback`.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def log_files(path: str | Path) -> list[Path]:
     if not path.is_dir():
         return [find_log(path)]
     file_of_log = wholest(_shown(path.rglob(f"*{SUFFIX}*"), path))
-    logs = sorted(file for log, file in file_of_log.items() if not named_form(log))
+    logs = sorted(file for log, file in file_of_log.items() if feedback or not named_form(log))
     if not logs:
         raise LogError(f"{path} holds no log (*{SUFFIX}).")
     return logs

@@ -178,3 +178,18 @@ def test_what_counts_trials_says_which_logs_are_damaged(run, command):
     assert result.exit_code == 0
     assert log.name in result.stderr
     assert "what can be read" in result.stderr
+
+
+def test_a_folder_is_checked_with_its_labels(run, log, tmp_path):
+    (folder := tmp_path / "live").mkdir()
+    shutil.copy(log, folder)
+    paths = [write_feedback(folder, Feedback("cup", {"heavy": k}), header={}) for k in (1, 0)]
+    whole = run("log", "check", folder)
+    assert whole.exit_code == 0
+    assert all(path.name in whole.stdout.replace("\n", "") for path in paths)
+    paths[0].write_bytes(paths[0].read_bytes()[:-60])
+    told = run("log", "check", folder, "--json")
+    assert told.exit_code == 1
+    assert [Path(f["path"]).name for f in json.loads(told.stdout)["files"] if not f["whole"]] == [
+        paths[0].name
+    ]
