@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets.feature_checks import (
     checked_features,
-    column_names,
     warn_of_order,
 )
 from meal_bayes.domain import Domain, unknown
@@ -91,17 +90,39 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                 "the order of `objects`."
             )
         values = dict(zip(objects, values, strict=True))
-    by_object = {
-        name: _numbers(rows, f"{source} of {name}")
+    named = {
+        name: pandas_frame(rows, f"{source} of {name}") if is_frame(rows) else rows
         for name, rows in _named_once(values, source).items()
+    }
+    columns = next((list(rows.columns) for rows in named.values() if _has_names(rows)), None)
+    by_object = {
+        name: _numbers(_in_order(rows, columns, f"{source} of {name}"), f"{source} of {name}")
+        for name, rows in named.items()
     }
     keys = [(name, str(r)) for name, rows in by_object.items() for r in range(1, len(rows) + 1)]
     sizes = {rows.shape[1] for rows in by_object.values() if len(rows)}
     if len(sizes) > 1:
         raise DataError(f"{source}: found recordings of {sorted(sizes)} features; give one size.")
     table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, by_object.values())])
-    columns = next(filter(None, map(column_names, values.values())), None)
     return FeatureRows(source, _places(source, len(keys)), keys, table, columns)
+
+
+def _has_names(rows: Any) -> bool:
+    """Return whether columns of one object's rows have names that count."""
+    return is_frame(rows) and len(rows) > 0
+
+
+def _in_order(rows: Any, columns: Sequence[object] | None, source: str) -> Any:
+    """Return one object's rows with the columns of the first object's, in the same order."""
+    if columns is None or not _has_names(rows) or list(rows.columns) == columns:
+        return rows
+    if set(rows.columns) != set(columns) or len(rows.columns) != len(columns):
+        found, expected = (listed([*map(str, names)]) for names in (rows.columns, columns))
+        raise DataError(
+            f"{source}: found the columns {found}; expected {expected}, as of the first object; "
+            "name them alike."
+        )
+    return rows[columns]
 
 
 def is_frame(values: object) -> bool:

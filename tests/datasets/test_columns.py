@@ -127,6 +127,25 @@ def test_a_frame_that_cannot_be_converted_is_named():
         data_of(Exchanged())
 
 
+@pytest.mark.parametrize("package", ["pandas", "polars"])
+def test_columns_of_each_object_are_joined_by_their_names(package_of_frames, package):
+    look = frame(np.random.default_rng(3), ["force", "pitch", "gain"])
+    expected = data_of(look).features["look", "c"]
+    rows = {o: some.drop(columns=["object", "recording"]) for o, some in look.groupby("object")}
+    for place, name in enumerate(OBJECTS[:6]):
+        rows[name] = rows[name].iloc[:, np.roll(np.arange(3), place)]
+    if package == "polars":
+        rows[OBJECTS[1]] = package_of_frames(package).from_pandas(rows[OBJECTS[1]])
+    assert np.array_equal(data_of(rows).features["look", "c"], expected)
+    rows[OBJECTS[0]] = rows[OBJECTS[0]].iloc[:0, :1]  # of no recordings
+    dataset = Dataset.from_frames(TABLE, {("look", m): rows for m in "ch"}, LABELS)
+    for features in dataset.features.values():
+        assert np.array_equal(features[1:], np.roll(expected, 1, axis=-1)[1:])
+    rows[OBJECTS[2]] = rows[OBJECTS[2]].rename(columns={"pitch": "yaw"})
+    with pytest.raises(DataError, match=r"of o02: found the columns .*yaw.*; expected "):
+        data_of(rows)
+
+
 @given(st.sets(st.integers(0, 35), max_size=6), st.booleans())
 def test_a_row_of_nan_says_that_a_recording_lacks_the_modality(lacking, both):
     """In frames, dictionaries and arrays alike; other recordings keep their number and partner."""
