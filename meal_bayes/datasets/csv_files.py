@@ -30,7 +30,7 @@ from meal_bayes.datasets.frames import (
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, OutputError, QueryError
 from meal_bayes.files import checked_path, write_whole
-from meal_bayes.look import listed
+from meal_bayes.look import listed, warn_user
 from meal_bayes.untrusted import name_fault, read_bytes
 
 log = logging.getLogger("meal_bayes.datasets")
@@ -72,7 +72,8 @@ def save_csv_folder(dataset: Dataset, folder: str | Path, *, overwrite: bool = F
     """Write a data set as a folder of CSV files.
 
     `load_dataset` reads exactly the same numbers from the files. `labels.csv` is written last, so a
-    folder with this file is complete.
+    folder with this file is complete. Another person's answers (`Dataset.answers`) are not written;
+    a warning says so.
 
     Parameters
     ----------
@@ -130,6 +131,8 @@ def save_csv_folder(dataset: Dataset, folder: str | Path, *, overwrite: bool = F
     )
     text = labels.astype("Int8").where(labels >= 0).to_csv(lineterminator="\n")
     write_whole(folder / _LABELS, text)
+    if dataset.answers is not None:
+        warn_user(f"{folder} holds no answers of another person; save Dataset.answers yourself.")
 
 
 def csv_files(domain: Domain, folder: Path) -> list[Path]:
@@ -184,7 +187,7 @@ def read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np
     names = [name for name in (*domain.attributes, *domain.groups) if name in header[1:]]
     present = labeled(domain, names)
     for name in (*domain.attributes, *domain.groups):
-        count = header.count(name)
+        count = header[1:].count(name)  # the first cell names the objects, and may name one, too
         if count > 1 or (name in domain.attributes and name not in present):
             if count > 1:
                 raise fault(where, f"{count} columns {name!r}", "one", "rename or remove one")

@@ -230,7 +230,11 @@ def _labels(
     """Return the objects (O,) and the labels (O,P) in the domain's order."""
     if is_frame(labels):
         labels = pandas_frame(labels, "Labels")
-        frame = labels.set_index("object") if "object" in labels.columns else labels
+        # An attribute may be called "object", where the index names the objects.
+        counted = type(labels.index).__name__ == "RangeIndex"
+        named = counted or "object" not in (*domain.attributes, *domain.groups)
+        in_column = named and "object" in labels.columns
+        frame = labels.set_index("object") if in_column else labels
         columns = [name for name in (*domain.attributes, *domain.groups) if name in frame.columns]
         for attribute in domain.attributes:
             if attribute not in labeled(domain, columns):

@@ -5,9 +5,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pandas as pd
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from meal_bayes import Dataset
 from meal_bayes.datasets import load_percepts, make_synthetic, save_csv_folder, save_percepts
 from meal_bayes.datasets.csv_files import load_csv_folder
 from meal_bayes.domain import load_domain
@@ -67,3 +70,25 @@ def test_names_of_objects_come_back_from_files_or_are_refused(names):
         table = build_percept_table(dataset)
         save_percepts(table, Path(folder, "t.npz"))
         assert load_percepts(Path(folder, "t.npz")).objects == tuple(names)
+
+
+@pytest.mark.parametrize("index", [None, "object"])
+def test_an_attribute_may_be_called_object(index, tmp_path):
+    domain = load_domain("ispy32")
+    assert "object" in domain.attributes
+    dataset = make_synthetic(domain, objects=3, recordings=1, rng=np.random.default_rng(0))
+    save_csv_folder(dataset, tmp_path)
+    assert load_csv_folder(domain, tmp_path) == dataset
+    names = pd.Index(dataset.objects, name=index)
+    labels = pd.DataFrame(dataset.labels, names, domain.attributes)
+    again = Dataset.from_frames(domain, dataset.features, labels)
+    assert np.array_equal(again.labels, dataset.labels)
+
+
+def test_answers_of_another_person_are_not_lost_without_a_word(tmp_path):
+    dataset = make_synthetic(
+        load_domain("toy"), objects=3, recordings=1, rng=np.random.default_rng(0)
+    )
+    with pytest.warns(UserWarning, match="no answers of another person"):
+        save_csv_folder(replace(dataset, answers=dataset.labels), tmp_path)
+    assert load_csv_folder(dataset.domain, tmp_path) == dataset
