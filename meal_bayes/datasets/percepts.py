@@ -106,7 +106,9 @@ _MEMBERS = {  # name -> dtype, axes
     "groups": ("<u2", 1),  # (O,), only where objects are left out by folds
 }
 _OPTIONAL = ("recording_counts", "groups")
-_LARGEST = 2 << 24  # bytes that a member may unpack to
+_LARGEST = 64 << 20  # bytes that a member may unpack to
+_IN_MEMORY = 2 * _LARGEST  # ... that its rows may take, with those of a larger domain
+_HEADER = 256  # bytes of an array's header, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,6 +250,8 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     ------
     SettingsError
         The name does not end in .npz.
+    DataError
+        The table is larger than what `load_percepts` reads: 64 MB for each array.
     OutputError
         The file cannot be written. An existing file stays unchanged.
 
@@ -291,9 +295,19 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         arrays["recording_counts"] = counts
     if (table.groups != np.arange(len(table.objects))).any():
         arrays["groups"] = table.groups
+    typed = {name: np.asarray(values, _MEMBERS[name][0]) for name, values in arrays.items()}
+    sizes = [(name, values.nbytes + _HEADER, _LARGEST) for name, values in typed.items()]
+    # In memory, behaviors without modalities have rows, too.
+    for name, size, most in [*sizes, ("training_bins", table.training_bins.nbytes, _IN_MEMORY)]:
+        if size > most:
+            raise DataError(
+                f"{path}: {name} of {len(table.objects)} objects, {len(table.domain.attributes)} "
+                f"attributes and {len(table.domain.behaviors)} behaviors has {size:,} bytes, more "
+                f"than the {most:,} that a percept table may have; leave some of them out."
+            )
     with draft_of(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_LZMA) as archive:
-        for name, values in arrays.items():
-            write_array(archive, name, np.asarray(values, _MEMBERS[name][0]))
+        for name, values in typed.items():
+            write_array(archive, name, values)
 
 
 def load_percepts(
@@ -404,7 +418,7 @@ def _in_domain_order(
         meta["behaviors"].index(behavior.name) if behavior.modalities else n_sensing
         for behavior in domain.behaviors
     ]
-    if bins.size // max(bins[0, :, :, 0, 0].size, 1) * len(columns) * len(rows) > 2 * _LARGEST:
+    if bins.size // max(bins[0, :, :, 0, 0].size, 1) * len(columns) * len(rows) > _IN_MEMORY:
         raise DataError(
             f"{len(rows)} behaviors need a percept table that does not fit into memory."
         )

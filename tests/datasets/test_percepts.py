@@ -50,6 +50,32 @@ def path(table, tmp_path):
     return tmp_path / "table.npz"
 
 
+def large(objects):
+    """Return a table of no percepts, whose training bins take 4,000 bytes a pair of objects."""
+    behaviors = [{"name": f"b{e}", "cost": 1, "modalities": ["v"]} for e in range(10)]
+    effects = [{"from": "s", "do": b["name"], "to": "s"} for b in behaviors]
+    domain = load_domain(
+        {"name": "big", "attributes": [f"a{p}" for p in range(50)], "behaviors": behaviors,
+         "diagram": {"states": ["s"], "start": "s", "effects": effects}}
+    )  # fmt: skip
+    log_odds = np.full((objects, 1, 10, 50), np.nan)
+    bins = np.zeros((objects, objects, 50, 10, 8), np.uint8)
+    names = tuple(f"cup {o}" for o in range(objects))
+    return PerceptTable(domain, names, np.ones((objects, 50)), log_odds, BIN_EDGES, bins, {})
+
+
+@pytest.mark.parametrize(("objects", "fits"), [(100, True), (130, False)])
+def test_what_is_saved_can_be_read_and_what_is_too_large_is_refused(tmp_path, objects, fits):
+    path = tmp_path / "large.npz"
+    if fits:
+        save_percepts(large(objects), path)
+        assert len(load_percepts(path).objects) == objects
+        return
+    with pytest.raises(DataError, match="has 67,600,256 bytes, more than the 67,108,864"):
+        save_percepts(large(objects), path)
+    assert not path.exists()
+
+
 def rewrite(path, change):
     """Write the file's arrays again after `change` had a go at them."""
     with np.load(path) as archive:
@@ -263,7 +289,7 @@ def test_a_domain_that_blows_its_table_up_is_refused(table, path):
         table.domain, name="own", behaviors=(*table.domain.behaviors, *many),
         diagram=replace(diagram, effects=(*diagram.effects, *effects)),
     )  # fmt: skip
-    rewrite(path, lambda a: a.update(training_bins=np.zeros((3, 2, 2, 3, 4000), np.uint8)))
+    rewrite(path, lambda a: a.update(training_bins=np.zeros((3, 2, 2, 3, 8000), np.uint8)))
     with pytest.raises(DataError, match="does not fit into memory"):
         load_percepts(path, domain=domain)
 
