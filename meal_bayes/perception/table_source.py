@@ -25,7 +25,7 @@ from meal_bayes.datasets.percepts import shipped_path
 from meal_bayes.datasets.sources import SOURCES, find_folder
 from meal_bayes.digests import digest_of, package_version
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.files import checked_path, file_name, path_text
 from meal_bayes.perception.fitting import build_percept_table
 from meal_bayes.perception.settings import NAMED
@@ -176,18 +176,22 @@ class TableSource:
             if not self.path.is_file():
                 save_percepts(self._table, self.path)
             return self._table
-        if self._recordings is not None and not self.path.is_file():
-            recordings = self._recordings
-            if isinstance(recordings, str):
-                recordings = load_dataset(recordings, root=self._root)
-            (on_note or log.info)(
-                f"computing the {self.perception} percepts of {self.domain.name} from its "
-                f"recordings, once; kept in {self.path}"
-            )
-            table = build_percept_table(
-                recordings, perception=self.perception, progress=on_progress
-            )
-            save_percepts(table, self.path)
+        recordings = self._recordings
+        if recordings is None:
+            return load_percepts(self.path, domain=self.domain)
+        if self.path.is_file():
+            try:
+                return load_percepts(self.path, domain=self.domain)
+            except DataError:
+                log.warning("%s is damaged, and is made again", self.path)
+        if isinstance(recordings, str):
+            recordings = load_dataset(recordings, root=self._root)
+        (on_note or log.info)(
+            f"computing the {self.perception} percepts of {self.domain.name} from its "
+            f"recordings, once; kept in {self.path}"
+        )
+        table = build_percept_table(recordings, perception=self.perception, progress=on_progress)
+        save_percepts(table, self.path)
         return load_percepts(self.path, domain=self.domain)
 
 

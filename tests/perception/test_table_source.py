@@ -124,6 +124,19 @@ def test_the_papers_is_computed_once_with_a_note(computed):
     assert again.provenance == table.provenance == {"made": "1"}
 
 
+@pytest.mark.parametrize("left", [0, 1000])
+def test_a_damaged_table_in_the_cache_is_computed_again(computed, caplog, left):
+    source = TableSource.of("roc36", "paper")
+    table = source.load()
+    source.path.write_bytes(source.path.read_bytes()[:left])
+    again = TableSource.of("roc36", "paper").load()
+    assert len(computed) == 2
+    assert "is damaged, and is made again" in caplog.text
+    assert np.array_equal(again.log_odds, table.log_odds, equal_nan=True)
+    TableSource.of("roc36", "paper").load()
+    assert len(computed) == 2
+
+
 def test_a_variant_shares_the_table_and_keeps_its_costs(computed):
     TableSource.of("roc36", "paper").load()
     variant = TableSource.of("roc36_published", "paper").load()
