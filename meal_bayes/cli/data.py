@@ -172,13 +172,14 @@ def percepts(
             progress=advance,
             map_behaviors=partial(in_parallel, jobs=jobs),
         )
-    if classifier is None and not shipped:  # what `ask` and runs would compute once more
-        source = TableSource.of(dataset, perception, root=root)
-        if not source.path.is_file():
-            save_percepts(table, source.path)
     if out is not None:
         save_percepts(table, out)
         terminal.say(f"{out}: {_size(table)}")
+    found = root is None or dataset.endswith(".toml")  # by `ask` and runs, of these recordings
+    if classifier is None and not shipped and found:  # what they would compute once more
+        source = TableSource.of(dataset, perception, root=root)
+        if not source.path.is_file():
+            save_percepts(table, source.path)
     if compared:
         _compare(table, dataset)
 

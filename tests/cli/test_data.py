@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import load_dataset, load_percepts, registry, sources
+from meal_bayes.datasets import (
+    load_dataset,
+    load_percepts,
+    make_synthetic,
+    registry,
+    save_csv_folder,
+    sources,
+)
+from meal_bayes.domain import load_domain
 from meal_bayes.perception import build_percept_table
 
 HOME = "shiqizhang6/perception_pomdp/4ab4abf1a47ce184f0327d3c143533d482c2604c/data/icra2014"
@@ -97,6 +105,15 @@ def test_own_recordings_end_to_end(run, kitchen, jobs):
     np.testing.assert_array_equal(saved.log_odds, built.log_odds)
     again = run("ask", "Is it red?", *words, "--object", "red_mug", "--agent", "prior")
     assert "computing" not in again.stderr
+
+
+def test_recordings_of_a_domain_of_the_package_become_a_table(run):
+    domain = load_domain("toy")
+    rng = np.random.default_rng(1)
+    save_csv_folder(make_synthetic(domain, objects=6, recordings=2, rng=rng), "rec")
+    made = run("data", "percepts", "--dataset", "toy", "--root", "rec", "--out", "t.npz")
+    assert made.exit_code == 0
+    assert len(load_percepts("t.npz").objects) == 6
 
 
 def test_a_missing_recording_is_told(run, kitchen):
