@@ -192,6 +192,7 @@ def _listed(
     if header != _COLUMNS:
         raise DataError(f"{where}: the header {','.join(header)[:60]!r}; write {_COLUMNS}.")
     found = []
+    wheres: dict[tuple[object, ...], str] = {}  # of executions, where each one is listed
     for where, cells in rows:
         try:
             bag, name, behavior, *times = cells
@@ -199,6 +200,9 @@ def _listed(
             if not 0 <= start < end < _NEVER:
                 raise DataError(f"from {times[0]!r} to {times[1]!r} s")  # noqa: TRY301
             if named := bags.get(bag):
+                other = wheres.setdefault((named, name, behavior, start, end), where)
+                if other != where:
+                    raise DataError(f"the execution of {other} again")  # noqa: TRY301
                 found.append(_execution(domain, named, name, behavior, start, end))
             elif bag in bags:
                 raise DataError(f"two bags are called {bag!r}: give the ending")  # noqa: TRY301
@@ -307,6 +311,10 @@ def _windows(
         one.start, one.end = one.start + shift, one.end + shift
         if one.end > reader.end_time:
             found.faults.append(f"{one} ends after the bag's end")
+        elif one.start < reader.start_time:
+            found.faults.append(f"{one} starts before the bag's start")
+        elif one in windows:  # once in seconds since 1970, and once in seconds of the bag
+            found.faults.append(f"{one} is listed twice")
         else:
             windows.append(one)
     found.executions = []

@@ -93,6 +93,22 @@ def test_a_csv_of_executions_gives_what_markers_give(tmp_path):
             read(bag, markers=None, executions=runs)
 
 
+def test_an_execution_is_listed_once_and_within_its_bag(tmp_path):
+    bag, runs = write(tmp_path / "cup.mcap", rounds=1), tmp_path / "runs.csv"
+    rows = ["bag,object,behavior,start,end", "cup,cup,look,0,0.3"]
+    runs.write_text("\n".join([*rows, "cup.mcap,cup,look,0.0,.30"]))
+    with pytest.raises(DataError, match=r"line 3: the execution of .*line 2 again"):
+        read(bag, markers=None, executions=runs)
+    begin = START / 1e9
+    absolute = f"cup,cup,look,{begin:.0f},{begin + 0.3:.1f}"
+    before = f"cup,cup,look,{begin - 50:.0f},{begin + 0.3:.1f}"
+    for row, fault in ((absolute, "is listed twice"), (before, "starts before the bag's start")):
+        runs.write_text("\n".join([*rows, row]))
+        report = read(bag, markers=None, executions=runs)
+        assert len(report.executions) == 1
+        assert any(fault in text for text in report.faults), report.faults
+
+
 @pytest.mark.parametrize("ways", [*itertools.permutations(WAYS)])
 def test_a_name_that_means_two_bags_is_refused(ways, tmp_path):
     """The same name, with other endings, must not lead to another bag without a word."""
