@@ -214,7 +214,8 @@ def read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np
             if cell.casefold() not in _VALUES and not members:
                 value = f"{cell!r} in column {column + 1} ({header[column]})"
                 raise fault(where, value, f"{', '.join(_WORDS)} or nothing", "write one of them")
-            row[header[column]] = cell if cell in members else _VALUES.get(cell.casefold(), cell)
+            text = next((t for t in (cell, cell.removesuffix(".0")) if t in members), None)
+            row[header[column]] = text or _VALUES.get(cell.casefold(), cell)
         try:
             values = domain.labels({name: row[name] for name in names})
         except QueryError as error:

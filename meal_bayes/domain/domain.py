@@ -262,7 +262,9 @@ class Domain:
     def _label(self, name: str, value: object) -> tuple[str, int]:
         """Return the attribute of a name and its value, and its label; -1 unknown."""
         members = self.groups.get(name, ())
-        word = str(value).strip()
+        # Where a gap in a column of numbers made floats of them, they are their digits.
+        whole = members and isinstance(value, float | np.floating) and float(value).is_integer()
+        word = str(int(value) if whole else value).strip()  # type: ignore[call-overload]
         if word in members or (members and word and isinstance(value, str)):
             return self._value(name, word), 1
         if name in self.attributes:

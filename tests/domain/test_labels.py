@@ -25,6 +25,24 @@ LAB = load_domain(CUP)
 NOTHING = np.full(len(LAB.attributes), -1, np.int8)
 
 
+@pytest.mark.parametrize("number", [2.0, np.float32(2), np.int64(2), "2"])
+def test_a_value_that_is_a_number_is_its_digits(number, tmp_path):
+    sizes = load_domain({**CUP, "attributes": ["1", "2", "3"], "groups": {"size": ["1", "2", "3"]}})
+    assert sizes.labels({"size": number}).tolist() == [0, 1, 0]
+    with pytest.raises(DataError, match="size"):
+        sizes.labels({"size": 4.0})
+    rng = np.random.default_rng(0)
+    dataset = make_synthetic(sizes, objects=3, recordings=1, rng=rng)
+    frame = pd.DataFrame({"size": [2, None, 1]}, index=dataset.objects)  # floats, by the gap
+    assert frame["size"].dtype == float
+    features = dataset.features
+    rows = Dataset.from_frames(sizes, features, frame).labels.tolist()
+    assert rows == [[0, 1, 0], [-1, -1, -1], [1, 0, 0]]
+    save_csv_folder(dataset, tmp_path)
+    frame.rename_axis("object").to_csv(tmp_path / "labels.csv")
+    assert load_csv_folder(sizes, tmp_path).labels.tolist() == rows
+
+
 class Model:
     """What is known of one object: by group the values that it may still have."""
 
