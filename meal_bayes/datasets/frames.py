@@ -169,7 +169,7 @@ def _with_keys(values: Any, source: str) -> Any:
     if len(doubled):
         raise DataError(f"{source}: found two columns {doubled[0]!r}; rename one.")
     in_index = [key for key in KEYS if key in values.index.names and key not in values.columns]
-    frame = values.reset_index(level=in_index) if in_index else values
+    frame = (values.reset_index(level=in_index) if in_index else values).reset_index(drop=True)
     if "object" not in frame.columns:
         raise DataError(f"{source}: found a frame without a column 'object'; add one.")
     if "recording" not in frame.columns:

@@ -98,6 +98,7 @@ def test_keys_stand_in_columns_or_in_the_index():
         flat.set_index(["object", "recording"]),
         flat.set_index(["object", "recording"], drop=False),
         flat.drop(columns="recording"),
+        flat.drop(columns="recording").set_index("object", drop=False),
     ]
     arrays = [data_of(form, labels).features["look", "c"] for form in forms]
     for array in arrays[1:]:
