@@ -236,9 +236,13 @@ class OnlineConfig:
         object.__setattr__(self, "agents", tuple(agents))
         _check_size(self, ("repeats", "batches", "trials"), ("attributes", "horizon"))
         check_yes_no("second_rater", self.second_rater)
-        sizes = [part if isinstance(part, int) else len(part) for part in self.split]
-        if len(sizes) != 3 or min(sizes) < 1:
-            raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
+        parts = self.split if hasattr(self.split, "__len__") else ()
+        sizes = [len(part) if hasattr(part, "__len__") else part for part in parts]
+        if len(sizes) != 3 or not all(is_whole(size) and size >= 1 for size in sizes):
+            raise SettingsError(
+                f"split is {self.split!r:.60}; give three shares as whole numbers, such as "
+                "33/33/34, or the objects of each part."
+            )
         for name, choices in _CHOICES.items():
             if getattr(self, name) not in choices:
                 raise SettingsError(unknown(name, getattr(self, name), choices))

@@ -186,6 +186,8 @@ def test_configs_are_checked(wrong, message):
         ({"attributes": 0}, "attributes is 0"),
         ({"trials": -1}, "trials is -1"),
         ({"split": (33, 0, 34)}, "give three shares"),
+        ({"split": (0.3, 0.3, 0.4)}, "give three shares as whole numbers"),
+        ({"split": 3}, "give three shares"),
         ({"log": "some"}, "log 'some'"),
         ({"answers": "verdikt"}, "did you mean 'verdict'"),
         ({"normalizer": "papre"}, "did you mean 'paper'"),
