@@ -296,9 +296,8 @@ class Recorder:
             if source["topic"] != topic or modality in self._faults:
                 continue
             taken = self._taken[modality]
-            stamp = getattr(getattr(message, "header", None), "stamp", None)
-            sent = (stamp.sec * _NS + stamp.nanosec if stamp is not None else 0) or time
             try:
+                sent = _stamp_of(message) or time
                 channels, values = read_message(source, message)
                 before = self.channels.setdefault(modality, channels)
                 if taken and abs(time - sent - taken[0][1] + taken[0][0]) > _JUMP * _NS:
@@ -325,6 +324,16 @@ class Recorder:
     def features(self, on_fault: Faults | None = None) -> dict[str, NDArray[np.float32]]:
         """Return the features of the messages so far; see `extract`."""
         return extract(self.domain, self.behavior, self.signals(), self._functions, on_fault)
+
+
+def _stamp_of(message: Any) -> int:
+    """Return the time (ns) in a message's header, of ROS 2 or ROS 1; 0 where there is none."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if stamp is None:
+        return 0
+    names = ("secs", "nsecs") if hasattr(stamp, "secs") else ("sec", "nanosec")
+    seconds, nanoseconds = (int(getattr(stamp, name)) for name in names)
+    return seconds * _NS + nanoseconds
 
 
 def read_message(source: Mapping[str, Any], message: Any) -> tuple[tuple[str, ...], NDArray[Any]]:

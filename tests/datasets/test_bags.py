@@ -6,6 +6,7 @@ import shutil
 import sys
 import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -294,6 +295,25 @@ def test_faults_name_bag_topic_and_time(tmp_path):
     with pytest.raises(DataError, match=r"audio of shake"):
         save_recordings(LAB, report, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_stamp_of_ros_1_is_read_and_another_is_a_fault():
+    lab = {"extends": "toy", "sources": {"color": {"topic": "/l", "fields": ["data"],
+           "feature": "temporal_bins", "settings": {"bins": 1}}}}  # fmt: skip
+    stamps = (
+        [{"sec": 1 + k, "nanosec": 5} for k in range(2)],
+        [{"secs": 1 + k, "nsecs": 5} for k in range(2)],
+        [{"seconds": 1}],
+    )
+    found = []
+    for series in stamps:
+        recorder = Recorder(load_domain(lab), "look")
+        for time, stamp in enumerate(series):
+            header = SimpleNamespace(stamp=SimpleNamespace(**stamp))
+            recorder.add("/l", time * 10**9, SimpleNamespace(data=[2.0], header=header))
+        found.append(recorder.signals()["color"])
+    assert found[0].times.tolist() == found[1].times.tolist() == [0.0, 1.0]
+    assert "no attribute 'sec'" in found[2].fault
 
 
 def test_executions_after_the_last_signal_are_told(tmp_path):
