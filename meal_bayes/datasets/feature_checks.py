@@ -7,6 +7,7 @@ refused by its name, and one that only grows or only falls with the rows is name
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal
 from numbers import Real
@@ -80,13 +81,18 @@ def _split(word: str) -> Sequence[str]:
 
 
 def check_columns(names: Iterable[object]) -> None:
-    """Refuse columns of features that number or date rows, by their names.
+    """Refuse columns of features that number or date rows, by their names, or share a name.
 
     >>> check_columns(["force", "frame_id"])
     Traceback (most recent call last):
     meal_bayes.errors.DataError: found the column 'frame_id', which by its name numbers or dates \
 the rows and measures no object; drop it, or rename it if it is a measurement
     """
+    names = list(names)
+    # Numbers are positions, which joined frames may share.
+    texts = Counter(name for name in names if isinstance(name, str) and name)
+    if doubled := [name for name, count in texts.items() if count > 1]:
+        raise DataError(f"found two columns {doubled[0]!r}; expected each name once; rename one")
     found = [repr(name) for name in names if numbers_rows(name)]
     if found:
         columns = "columns" if len(found) > 1 else "column"

@@ -109,6 +109,7 @@ BROKEN_FEATURES = [
     ("stone,1,3,4", "stone,1.5,3,4", 4, "'1.5' as a recording", "0 or more"),
     ("stone,1,3,4", "stone,nan,3,4", 4, "'nan' as a recording", "0 or more"),
     ("stone,1,3,4", "stone,,3,4", 4, "'' as a recording", "0 or more"),
+    ("object,recording,r,g", "object,recording,r,r", 1, "two columns 'r'", "rename one"),
     ("object,recording,r,g", "object;recording;r;g", 1, "header", "not semicolons"),
     ("object,recording,r,g\n", "", 1, "the header 'cup,1,0.5,1'", "object,recording"),
     ("stone,1,3,4", "stone,1,3,\udcb54", 4, "the byte 0xb5", "UTF-8"),

@@ -110,6 +110,11 @@ def test_two_columns_of_one_name_are_refused():
     frame = pd.concat([frame, frame[["r"]]], axis=1)
     with pytest.raises(DataError, match="two columns 'r'"):
         data_of(frame, {"a": {"red": True}, "b": {"red": False}})
+    rows = {name: pd.DataFrame([[1.0, 2.0]], columns=["r", "r"]) for name in "ab"}
+    with pytest.raises(DataError, match="two columns 'r'"):
+        data_of(rows, {"a": {"red": True}, "b": {"red": False}})
+    numbered = {name: pd.DataFrame([[1.0, 2.0]], columns=[0, 0]) for name in "ab"}
+    assert data_of(numbered, {"a": {"red": True}, "b": {"red": False}}).recordings == 1
 
 
 WRITINGS = [str, "{:02d}".format, "{:03d}".format, "{}.0".format, "+{}".format, "{}e0".format]
