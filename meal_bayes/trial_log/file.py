@@ -117,8 +117,9 @@ SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
 RECOVERED = ".recovered"
 FORM_ENDINGS = {".feedback": FEEDBACK_FORM}  # of the stem of a log of such a form
-_DRAFT = r"(\.w\d+-[0-9a-f]{6})?"
-_ENDINGS = re.compile(rf"{_DRAFT}(\.recovered)?{_DRAFT}$")  # what is recovered has drafts, too
+_DRAFT = r"\.w\d+-[0-9a-f]{6}"
+_ENDINGS = re.compile(rf"({_DRAFT})?(\.recovered)?({_DRAFT})?$")  # the recovered has drafts, too
+_OF_DRAFT = re.compile(rf"{_DRAFT}(\.recovered)?$")
 
 # What damaged bytes can raise on their way through the libraries and our constructors.
 FAULTS = (
@@ -302,6 +303,11 @@ class TrialWriter:
             raise SettingsError(
                 f"Names that end in {reserved} are for logs of feedback alone; found "
                 f"{self.path.name!r}. Choose another."
+            )
+        if _OF_DRAFT.search(self.path.stem):
+            raise SettingsError(
+                f"Names that end as {self.path.name!r} are for drafts of {stem_of(self.path)}"
+                f"{SUFFIX}, and are not read beside it. Choose another."
             )
         self.active_path = new_draft(self.path)  # its name while it is being written
         versions = {"meal_bayes": package_version(), "numpy": np.__version__}

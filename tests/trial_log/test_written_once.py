@@ -89,6 +89,15 @@ def test_a_log_that_is_there_stays(make, tmp_path, monkeypatch, writer, way):
     assert sorted(map(str, tmp_path.iterdir())) == there
 
 
+@pytest.mark.parametrize("name", ["a.w1-abcdef.mcap", "a.w1-abcdef.recovered.mcap"])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_name_of_a_draft_is_refused(make, tmp_path, writer, name):
+    """Beside the log itself it would not be read."""
+    with pytest.raises(SettingsError, match=r"drafts of a\.mcap"):
+        writer(tmp_path / name, make.trials(1))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("name", ["a.MCAP", "a.Mcap", "a.w1-abcdef.mcap.active"])
 @pytest.mark.parametrize("writer", WRITERS)
 def test_an_ending_that_is_nearly_that_of_a_log_is_refused(make, tmp_path, writer, name):
