@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -312,7 +313,8 @@ def compare(logs: tuple[Path, ...], measure: str, reference: str | None, as_json
     columns = ["agent", "tasks", "difference", f"{MASS_TEXT} interval", "verdict"]
     cells = []
     for row in rows:
-        interval = f"{row.low:+{form}} to {row.high:+{form}}" if row.tasks else "-"
+        known = row.tasks and not isnan(row.low)  # of one object there is no interval
+        interval = f"{row.low:+{form}} to {row.high:+{form}}" if known else "-"
         estimate = f"{row.difference:+{form}}" if row.tasks else "-"
         cells.append([row.agent, f"{row.tasks:,}", estimate, interval, row.verdict])
     print_table(columns, cells, left_aligned=("verdict",), narrow=True)

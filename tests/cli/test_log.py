@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -167,6 +168,16 @@ def test_compare_says_who_is_ahead_or_that_it_cannot_be_said(run, fails, measure
     assert row["verdict"] == {1: "ahead", -1: "behind", 0: "cannot be said"}[better * side]
     assert row["verdict"] in run(*words).stdout
     assert "'nobody'" in fails("compare", "study", "--reference", "nobody")
+
+
+def test_a_comparison_on_one_object_has_no_interval(run, log):
+    trials = [
+        replace(trial, agent=agent) for trial in read_trials(log) for agent in ("prior", "bayes")
+    ]
+    write_trials("one.mcap", trials[:2], header={})
+    table = run("compare", "one.mcap").stdout
+    assert "nan" not in table
+    assert " - " in table
 
 
 @pytest.mark.parametrize("command", [("compare", "study"), ("report", "study")])
