@@ -59,6 +59,9 @@ def reproduce(
     """
     from meal_bayes.experiments.parallel import on_cluster
 
+    if dry_run and (as_json or items == ("readme",)):
+        given = "--json" if as_json else "readme"
+        raise click.UsageError(f"--dry-run prints lines and writes nothing; leave out {given}.")
     # The items are no part of the wheel: they are imported from the checkout.
     sys.path.insert(0, str(checkout()))
     frame = import_module(f"{_PACKAGE}.frame")

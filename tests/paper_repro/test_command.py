@@ -101,6 +101,16 @@ def test_what_is_not_asked_for_is_told(in_checkout, tmp_path):
     assert json.loads(done.stdout)["skipped"] == {"fig10": "none of its online runs is asked for"}
 
 
+@pytest.mark.parametrize(
+    ("words", "option"), [(("table3", "--json"), "--json"), (("readme",), "readme")]
+)
+def test_a_dry_run_prints_and_writes_no_more(in_checkout, monkeypatch, words, option):
+    monkeypatch.setattr(pages, "write_pages", pytest.fail)
+    done = in_checkout(*words, "--dry-run")
+    assert done.exit_code == 2
+    assert f"leave out {option}" in done.stderr
+
+
 def test_missing_recordings_are_told_in_a_line(in_checkout, tmp_path, monkeypatch):
     monkeypatch.setenv("MEAL_BAYES_DATA_URL", "")
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path))
