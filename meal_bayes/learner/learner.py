@@ -46,6 +46,7 @@ from meal_bayes.learner.settings import (
     LearnerSettings,
     check_data,
     check_object_name,
+    check_object_names,
     checked_labels,
     own_posterior,
     settings_of,
@@ -949,8 +950,11 @@ class Learner:
             The data belong to another domain.
         DataError
             Features have another size than those of the experience.
+        QueryError
+            The name of an object differs from a known name only in invisible ways.
         """
         check_data(data, self.domain)
+        check_object_names(data.objects, self.experience.met)
         with self._lock:
             self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
@@ -1199,8 +1203,11 @@ class Learner:
         ------
         SettingsError
             The trial has other behaviors than the domain.
+        QueryError
+            The name of the object differs from a known name only in invisible ways.
         """
         check_domain(self.domain, trial)
+        check_object_name(trial.task.object_name, self.experience.met)
         with self._lock:
             self._fit_agents()
             self.experience.trial_number(trial.task.key)

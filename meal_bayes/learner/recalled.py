@@ -14,6 +14,7 @@ from meal_bayes.learner import views
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.question import check_domain
+from meal_bayes.learner.settings import check_object_names
 from meal_bayes.learner.told import tell_again
 from meal_bayes.look import listed
 from meal_bayes.seeds import Key
@@ -60,6 +61,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
         Logs cannot be read, belong to several data sets, or do not exist.
     SettingsError
         The trials belong to another domain.
+    QueryError
+        The names of two objects differ only in invisible ways.
 
     Examples
     --------
@@ -101,11 +104,12 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     domain = _domain_with(experience, entries)
     for trial in recalled:  # all of them, before one is experience
         check_domain(domain, trial)
+    told = [entry for _, entry in entries if isinstance(entry, Feedback)]
+    check_object_names(_names_kept(recalled, told, experience), experience.met)
     learner.note_state(recalled)
     learner.note_folders(places)
     for header in headers:
         learner.note_question(header)
-    told = [entry for _, entry in entries if isinstance(entry, Feedback)]
     unknown = dict.fromkeys(
         name for entry in told for name in entry.labels if name not in domain.attributes
     )
@@ -165,6 +169,22 @@ def _is_readable(trial: Trial, levels: int) -> bool:
     if trial.momdp.levels == levels:
         return True
     return all(step.sensed is not None for step in trial.steps if step.observation is not None)
+
+
+def _names_kept(
+    trials: Sequence[Trial], told: Sequence[Feedback], experience: Experience
+) -> Iterator[str]:
+    """Yield the objects of trials and labels that are not forgotten later."""
+    forgotten = {entry.key for entry in told if entry.recordings}
+    kept = [trial for trial in trials if trial.task.key not in forgotten]
+    yield from (trial.task.object_name for trial in kept)
+    keys = {None, *experience.trials, *(trial.task.key for trial in kept)}
+    labels = dict[tuple[str, Key | None], dict[str, int]]()
+    for entry in told:
+        labels.setdefault((entry.object_name, entry.key), {}).update(entry.labels)
+    for (name, key), of_key in labels.items():
+        if key in keys and max(of_key.values(), default=-1) >= 0:
+            yield name
 
 
 def _unheard_changes(

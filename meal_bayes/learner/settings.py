@@ -19,7 +19,7 @@ from meal_bayes.arrays import (
 )
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
-from meal_bayes.domain.words import twin
+from meal_bayes.domain.words import look
 from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.untrusted import LARGEST, name_fault
@@ -158,13 +158,23 @@ def check_object_name(name: object, objects: Iterable[str]) -> None:
         If the name is not valid, or differs from a known name only in invisible ways, so that a
         person could not tell the two objects apart.
     """
-    if not isinstance(name, str):
-        raise SettingsError(f"The name of an object must be text; found {name!r:.60}.")
-    if fault := name_fault(name):
-        raise QueryError(f"The object's name {name!a:.60} {fault}; rename it.")
-    names = [*objects]
-    if name not in names and twin(name, names):
-        raise QueryError(unknown("object", name, names))
+    check_object_names([name], objects)
+
+
+def check_object_names(names: Iterable[object], objects: Iterable[str]) -> None:
+    """Check names of objects, as `check_object_name` does, also against each other."""
+    known = {*objects}
+    seen = dict[str, str]()  # a name by its look; filled when there is a new name
+    for name in names:
+        if not isinstance(name, str):
+            raise SettingsError(f"The name of an object must be text; found {name!r:.60}.")
+        if fault := name_fault(name):
+            raise QueryError(f"The object's name {name!a:.60} {fault}; rename it.")
+        if name in known:
+            continue
+        seen = seen or {look(other): other for other in known}
+        if (other := seen.setdefault(look(name), name)) != name:
+            raise QueryError(unknown("object", name, [other]))
 
 
 def check_data(data: object, domain: Domain) -> None:

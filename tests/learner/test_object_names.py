@@ -2,11 +2,14 @@
 
 import unicodedata
 import warnings
+from dataclasses import replace
 
 import pytest
 
 from meal_bayes import Learner, MealBayesError, Outcome
 from meal_bayes.errors import QueryError
+from meal_bayes.learner import recall
+from meal_bayes.perception import build_percept_table
 from meal_bayes.trial_log import Logs
 
 
@@ -42,6 +45,47 @@ def test_an_object_is_not_two_by_what_cannot_be_seen(learner, make, form, change
                 call()
         assert not arm.executed
     assert len(learner.experience.objects) == 13
+
+
+@pytest.mark.parametrize(
+    ("name", "other"), [("caf\u00e9", "cafe\u0301"), ("a\u00a0b", "a b"), ("a b", "a  b")]
+)
+def test_no_door_lets_in_an_object_that_looks_like_another(dataset, make, tmp_path, name, other):
+    """After the refusal all is as before: the learner works, and a saved copy can be read."""
+    theirs = make.learner(dataset, make.agent("look"), logs=tmp_path / "theirs")
+    trial = theirs.ask("red", make.arm(), object_name=other)
+    theirs.tell("cup 1", {"red": True})
+    learner = make.learner(dataset, make.agent("look"), logs=tmp_path / "ours")
+    learner.ask("red", make.arm(), object_name=name)
+    named = replace(make.dataset(1), objects=(other, *dataset.objects[1:]))
+    table = build_percept_table(named)
+    rows = len(learner.experience.instances), len(learner.experience.feedback)
+    for call in (
+        lambda: learner.fit(named),
+        lambda: learner.fit(table),
+        lambda: learner.record(trial),
+        lambda: recall(learner, tmp_path / "theirs"),
+        lambda: recall(make.learner(dataset, make.agent("look")), tmp_path),
+    ):
+        with pytest.raises(QueryError, match="cannot be seen"):
+            call()
+    assert rows == (len(learner.experience.instances), len(learner.experience.feedback))
+    assert other not in learner.experience.objects
+    learner.refit().save(tmp_path / "saved")
+    saved = Learner.load(tmp_path / "saved", agent=make.agent("look"), logs=None)
+    saved.ask("red", make.arm())
+
+
+def test_a_name_may_come_back_in_another_form_when_it_was_forgotten(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent("look"), logs=tmp_path)
+    trial = learner.ask("red", make.arm(), object_name="a b")
+    learner.tell("a b", {"red": True})
+    learner.forget("a b")
+    learner.forget(trial, recordings=True)
+    learner.ask("red", make.arm(), object_name="a  b")
+    back = make.learner(dataset, make.agent("look"))
+    recall(back, tmp_path)
+    assert {*back.experience.met} == {*dataset.objects, "a  b"}
 
 
 @pytest.mark.parametrize("number", ["1", 1.0, True, -2, 2**31, 2**70, (1,), float("nan"), b"1"])
