@@ -32,6 +32,7 @@ from meal_bayes.learner.question import (
     Question,
     QuestionCounts,
     TrialOptions,
+    asked_again,
     check_domain,
     check_resumed,
     is_idle,
@@ -842,6 +843,10 @@ class Learner:
             counted: Mapping[str, object] = {}
             if self.table is None and not isinstance(question, Task):
                 counted = self._questions.count(learn=options.learn, key=key)
+            elif self.table is None and (
+                task.key in self.experience.trials or self._logs.has_logged(task.key)
+            ):
+                task = asked_again(task)
         config = {"command": ASK, "question": task.name, "agent": self.agent.name}
         return task, streams, {"config": config, "begun": options.begun(state), **counted}
 

@@ -3,7 +3,7 @@
 import re
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -165,6 +165,13 @@ def read_task(
     drawn = f"object {key}" if object_name is None else object_name
     task = Task(text, query, -1, name, (domain.data, LIVE, identity, *query.attributes))
     return task, (domain.data, LIVE, 0 if key is None else key, drawn, *query.attributes)
+
+
+def asked_again(task: Task) -> Task:
+    """Return a task with a robot as another trial, whose key has a new identity."""
+    if task.key[1:2] != (LIVE,):  # that of an experiment, which chooses its keys
+        return task
+    return replace(task, key=(task.key[0], LIVE, secrets.token_hex(8), *task.key[3:]))
 
 
 def start_again(start: str, left: str | None) -> str:

@@ -61,6 +61,10 @@ class TrialLogs:
         """Store the folders of the logs of some trials, by the keys of the trials."""
         self._folder_of_trial |= folders
 
+    def has_logged(self, trial: Key) -> bool:
+        """Return whether there is a log of a trial, by its key; also of a test."""
+        return trial in self._folder_of_trial
+
     def told_folder(self, trial: Trial | str) -> Path | None:
         """Return the folder for labels: that of the trial's log if it is writable."""
         if isinstance(trial, Trial):

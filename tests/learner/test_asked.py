@@ -114,6 +114,25 @@ def test_a_learner_that_recalls_its_logs_repeats_none_of_their_streams(dataset, 
         assert not streams_of(again.begin("red", learn=learn)) & asked
 
 
+@pytest.mark.parametrize("name", ["mug", None])
+@pytest.mark.parametrize("learn", [True, False])
+def test_a_task_that_is_asked_twice_is_two_trials(dataset, make, tmp_path, name, learn):
+    learner = make.learner(dataset, make.agent("look"), logs=tmp_path)
+    task = learner.task("red", name)
+    trials = [learner.ask(task, make.arm(seed=seed), learn=learn) for seed in range(3)]
+    assert trials[0].task.key == task.key
+    assert len({trial.task.key for trial in trials}) == 3
+    if learn:
+        learner.tell(trials[1], {"red": True})
+        shown = [learner.experience.instances_of_trial(trial.task.key) for trial in trials]
+        red = [learner.experience.labels.values[rows, 0].tolist() for rows in shown]
+        assert red == [[-1], [1], [-1]]
+    assert len([*Logs(tmp_path).trials()]) == 3
+    recalled = make.learner(dataset, make.agent("look"), logs=None)
+    keys = [trial.task.key for trial in recall(recalled, tmp_path)]
+    assert keys == [trial.task.key for trial in trials if learn]
+
+
 @pytest.mark.parametrize(
     ("streams", "lessons", "tests"),
     [
