@@ -144,6 +144,7 @@ class LabelCall(NamedTuple):
 
     trial: int
     labels: Labels
+    given: bool = False  # together with recordings
 
 
 def no_labels(domain: Domain) -> Labels:
@@ -164,7 +165,7 @@ def calls_that_hold(domain: Domain, feedback: NDArray[Any]) -> list[LabelCall]:
         if row.value < 0 or position < withdrawn.get((row.trial, row.attribute), -1):
             continue
         if row.call not in calls:
-            calls[row.call] = LabelCall(row.trial, no_labels(domain))
+            calls[row.call] = LabelCall(row.trial, no_labels(domain), bool(row.given))
         calls[row.call].labels[row.attribute] = row.value
     return list(calls.values())
 
@@ -176,7 +177,8 @@ def fold(domain: Domain, calls: Iterable[LabelCall]) -> Labels:
     earlier labels of the group are dropped.
     """
     folded = no_labels(domain)
-    for _, labels in calls:
+    for call in calls:
+        labels = call.labels
         try:
             folded = domain.replace(folded, labels)
         except QueryError:
@@ -510,6 +512,16 @@ class Experience:
     def labels_by_trial(self, o: int) -> Labels:
         """Return the labels of an object from each trial, (trials,P); -1 unknown."""
         return fold_by_trial(self.domain, self._calls(o))
+
+    def labels_beside(self, name: str, labels: Labels) -> Labels:
+        """Return the labels (P,) of an object that has `labels` in a percept table.
+
+        Labels that people gave replace them; labels of data sets fill in the unknown ones.
+        """
+        calls = self._calls(self.objects.get(name, NONE))
+        given = [call for call in calls if call.given]
+        told = [call for call in calls if not call.given]
+        return fold(self.domain, [*given, LabelCall(NONE, labels), *told])
 
     def _calls(self, o: int) -> list[LabelCall]:
         """Return the valid labels of an object, in order."""

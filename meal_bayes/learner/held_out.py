@@ -27,7 +27,7 @@ from meal_bayes.trials import Task
 class HeldOut:
     """Knowledge of one agent for one object, learned without this object's recordings and labels.
 
-    If an object of the table has no label, a label that a person gives is used for the others.
+    A label that a person gives for an object of the table replaces the table's.
     """
 
     record: Experience
@@ -40,7 +40,7 @@ class HeldOut:
 
     @cached_property
     def labeled(self) -> PerceptTable:
-        """The percept table, with later labels of objects that had no label."""
+        """The percept table, with later labels of its objects."""
         return labeled_table(self.record, self.table)
 
     @cached_property

@@ -1077,8 +1077,8 @@ class Learner:
         values : mapping
             True, False or None for each attribute, also for attributes about which the trial did
             not ask. A later label for the same trial, or for the same name, replaces the earlier
-            one. If labels from several trials of an object contradict each other, the latest label
-            is used.
+            one, also one of a percept table. If labels from several trials of an object contradict
+            each other, the latest label is used.
 
         Raises
         ------
@@ -1100,9 +1100,15 @@ class Learner:
             key = key_of_name(name)
             if isinstance(trial, Trial) and trial.task.learn:
                 key = trial.task.key
+            known = views.labels_for(self.experience, [name])[0]
             if self.table is not None:
-                object_index(self.table.objects, name)
-            elif isinstance(trial, Trial) and key != key_of_name(name):
+                row = self.table.labels[object_index(self.table.objects, name)]
+                known = self.experience.labels_beside(name, row)
+            try:
+                self.domain.replace(known, labels)
+            except QueryError as fault:
+                raise QueryError(f"With these labels, {name!r} would be {fault}.") from None
+            if self.table is None and isinstance(trial, Trial) and key != key_of_name(name):
                 new = views.unrecorded(self.experience, trial)
                 perceived = any(step.observation is not None for step in new)
                 if perceived and trial.momdp.levels != self.agent.levels:
@@ -1111,10 +1117,6 @@ class Learner:
                         f"this learner has {self.agent.levels}; give a trial with as many levels."
                     )
                 self.record(trial)
-            try:
-                self.domain.replace(views.labels_for(self.experience, [name])[0], labels)
-            except QueryError as fault:
-                raise QueryError(f"With these labels, {name!r} would be {fault}.") from None
             telling = self._telling(name, key)
             moved = self.experience.add_labels(key, name, labels)
             self._learn_told(trial, telling, moved)

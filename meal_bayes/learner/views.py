@@ -142,9 +142,12 @@ def labels_touched(record: Experience, trial: Key, name: str) -> Labels:
 
 
 def labeled_table(record: Experience, table: PerceptTable) -> PerceptTable:
-    """Return a percept table in which later labels fill in the unknown ones."""
-    told_labels = labels_for(record, table.objects)
-    return replace(table, labels=np.where(table.labels < 0, told_labels, table.labels))
+    """Return a percept table with the labels of `Experience.labels_beside`."""
+    labels = table.labels.copy()
+    for o, name in enumerate(table.objects):
+        if name in record.objects:
+            labels[o] = record.labels_beside(name, labels[o])
+    return replace(table, labels=labels)
 
 
 def labels_of(record: Experience, *, memory: bool) -> Labels:

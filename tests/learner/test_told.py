@@ -4,15 +4,18 @@ import contextlib
 import copy
 import itertools
 import warnings
+from dataclasses import replace
 from datetime import datetime, timedelta
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from meal_bayes import Learner, Outcome, load_domain
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes import Learner, Outcome, load_domain, load_percepts
+from meal_bayes.errors import LogError, QueryError, SettingsError
 from meal_bayes.learner import recall
+from meal_bayes.learner.views import labeled_table
 from meal_bayes.trial_log import Logs
 from meal_bayes.trial_log import file as log_file
 from meal_bayes.trial_log import folder as log_folder
@@ -270,3 +273,52 @@ def test_a_name_that_differs_by_case_is_named():
     session.cancel()
     with pytest.warns(UserWarning, match=r"no recording of 'mug'; did you mean 'Mug'\?"):
         learner.tell("mug", {"red": True})
+
+
+COLORS = ["brown", "green", "blue"]
+
+
+@pytest.fixture(scope="module")
+def partly_labeled():
+    """Return roc36's table, whose first object is only known not to be brown."""
+    table = load_percepts("roc36")
+    labels = np.array(table.labels)
+    labels[0] = -1
+    labels[0, table.domain.columns(["brown", "heavy"])] = 0
+    return replace(table, labels=labels)
+
+
+@given(
+    told=st.lists(
+        st.dictionaries(st.sampled_from([*COLORS, "light", "heavy"]), st.booleans(), min_size=1),
+        max_size=4,
+    ),
+    given_first=st.booleans(),
+)
+@example(told=[{"brown": True}], given_first=False)
+@example(told=[{"green": False, "blue": False}], given_first=False)
+@example(told=[{"heavy": True}, {"light": True}], given_first=True)
+def test_a_label_replaces_that_of_a_percept_table(partly_labeled, told, given_first):
+    """As it replaces any earlier one; what is impossible beside the table is refused at once."""
+    table = partly_labeled
+    domain, name = table.domain, table.objects[0]
+    learner = Learner(domain, agent="prior", logs=None)
+    if given_first:
+        learner.experience.add_labels(
+            ("told", name), name, domain.labels({"brown": True}), given=True
+        )
+    learner.fit(table)
+    expected = np.array(table.labels[0])
+    for values in told:
+        try:
+            labels = domain.labels(values)
+            expected = domain.replace(expected, labels)
+        except QueryError:
+            with pytest.raises(QueryError):
+                learner.tell(name, values)
+        else:
+            learner.tell(name, values)
+    labels = labeled_table(learner.experience, table).labels
+    np.testing.assert_array_equal(labels[0], expected)
+    np.testing.assert_array_equal(labels[1:], table.labels[1:])
+    learner.ask("heavy", table.objects[1])
