@@ -65,7 +65,7 @@ from meal_bayes.seeds import Key
 from meal_bayes.threads import Lock
 from meal_bayes.trial_log.feedback import Change
 from meal_bayes.trial_log.file import SUFFIX
-from meal_bayes.trial_log.folder import ASK
+from meal_bayes.trial_log.folder import ASK, present_time, time_of
 from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.session import moves
@@ -261,6 +261,7 @@ class Learner:
         self._joined = JoinedRecordings()
         self._file = ""  # id of the file that was read or written last
         self._robot_state: str | None = None  # where the last trial with a robot left it, or LOST
+        self._robot_seen = ""  # when that trial was over; while it is not, when it began
         self._under_way = set[Key]()  # trials that teach, and are not over
         self._stranger = False  # who decided then is not known, where a log is heard
         self._idle_told = False  # a person was warned of an agent that does not explore
@@ -529,8 +530,6 @@ class Learner:
             question, object_name, options, key=key, answer=answer, payoffs=payoffs, state=state
         )
         session = self._session(task, streams, options, path, header)
-        if self.table is None:
-            self._robot_state = state
         return session.start(state)
 
     def find(
@@ -675,6 +674,7 @@ class Learner:
             try:
                 session = self._session(trial.task, tuple(broken.header["streams"]), options)
                 session.start(start, steps=trial.steps)
+                self._robot_seen = time_of(broken.path)
             except Exception as fault:
                 fault.add_note("give_up() ends the trial, and needs no agent for it")
                 raise
@@ -720,7 +720,7 @@ class Learner:
         """
         path = self._logs.interrupted(log, "give give_up() the trial's log")
         trial, header = end_broken(path)
-        self.note_state([trial])
+        self.note_state(trial)
         with contextlib.suppress(LogError, SettingsError):
             check_resumed(trial, self.experience, self.agent)
             if trial.task.learn and self.table is None:
@@ -785,19 +785,27 @@ class Learner:
         self._stranger = not known
         self._agent = known[0] if known else own
 
-    def note_state(self, trials: Sequence[Trial]) -> None:
-        """Remember in which state the last of these trials left the robot."""
-        for trial in trials:
-            ends = [step.next_x for step in trial.steps if step.next_x != trial.momdp.terminal]
-            names = trial.momdp.x_names
-            if trial.task.object_index >= 0 or names != self.domain.diagram.states:
-                continue
-            if ends:
-                self._robot_state = names[ends[-1]]
-            # A log does not contain the behavior during which a trial was broken off.
-            broken_off = trial.ended and trial.report is None
-            if broken_off and moves(trial.momdp, trial.last_belief.x).any():
-                self._lose()
+    def note_state(self, trial: Trial, time: str | None = None) -> None:
+        """Remember in which state a logged trial left the robot.
+
+        The time, such as `trial_log.folder.time_of`, is that of its log. A log from before the last
+        trial that is known is ignored.
+        """
+        momdp, diagram = trial.momdp, self.domain.diagram
+        theirs = momdp.behavior_names, momdp.x_names
+        ours = self.domain.behavior_names, diagram.states
+        if trial.task.object_index >= 0 or theirs != ours or trial.task.key in self._under_way:
+            return
+        if time is not None and time < self._robot_seen:
+            return
+        self._robot_seen = present_time() if time is None else time
+        ends = [step.next_x for step in trial.steps if step.next_x != momdp.terminal]
+        if ends:
+            self._robot_state = diagram.states[ends[-1]]
+        # A log does not contain the behavior during which a trial was broken off, nor the start.
+        if trial.ended and trial.report is None:
+            moved = moves(momdp, trial.last_belief.x).any() if ends else len(diagram.states) > 2
+            self._robot_state = LOST if moved else self._robot_state
 
     def note_question(self, header: Mapping[str, object]) -> None:
         """Count the question of a log written before a restart, unless it is counted already."""
@@ -886,6 +894,7 @@ class Learner:
         if task.object_index < 0:
             on_step = partial(self._follow, momdp, on_step)
         perceiver, on_step = fit.perceiving(task, momdp, self._lock, on_step)
+        with_robot = task.object_index < 0
         session = Session(
             task,
             momdp,
@@ -905,12 +914,18 @@ class Learner:
             max_steps=options.max_steps,
             max_cost=options.max_cost,
             on_step=on_step,
-            on_end=self._end if learn else None,
-            on_lost=self._lose if task.object_index < 0 else None,
+            on_end=partial(self._over, with_robot=with_robot, learn=learn),
+            on_start=partial(self._started, present_time()) if with_robot else None,
+            on_lost=self._lose if with_robot else None,
         )
         if log is not None:
             self._record(session, log, header or {})
         return session
+
+    def _started(self, time: str, state: str) -> None:
+        """Remember where a robot starts, and the time before the log of the trial was opened."""
+        self._robot_state = state
+        self._robot_seen = time
 
     def _follow(self, momdp: MOMDP, on_step: Callable[[Step], None] | None, step: Step) -> None:
         """Remember where a robot is after a step; an answer leaves it where it was."""
@@ -934,6 +949,13 @@ class Learner:
     def _lose(self) -> None:
         """Note that a trial was broken off while a behavior may have moved the robot."""
         self._robot_state = LOST
+
+    def _over(self, trial: Trial, *, with_robot: bool, learn: bool) -> None:
+        """Note the end of a session."""
+        if with_robot:
+            self._robot_seen = present_time()
+        if learn:
+            self._end(trial)
 
     def _end(self, trial: Trial) -> None:
         """Learn from a trial that has ended; a recognized object may have labels already."""
@@ -1278,6 +1300,7 @@ class Learner:
         learner._questions = saved.questions
         learner._file = saved.file
         learner._robot_state = saved.robot_state
+        learner._robot_seen = saved.robot_seen
         learner._fits = _Fits(saved.experience, saved.settings)
         learner._fits.online = saved.fitted
         return learner
@@ -1293,6 +1316,7 @@ class Learner:
             questions=self._questions,
             file=self._file,
             robot_state=self._robot_state,
+            robot_seen=self._robot_seen,
         )
 
 

@@ -19,7 +19,7 @@ from meal_bayes.learner.told import tell_again
 from meal_bayes.look import listed
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log import Change, Feedback, Logs
-from meal_bayes.trial_log.folder import begun_text, feedback_files, readable_feedback
+from meal_bayes.trial_log.folder import begun_text, feedback_files, readable_feedback, time_of
 from meal_bayes.trials import Trial
 
 
@@ -36,7 +36,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     learner. A learner that began with another agent than the logged one keeps its agent. Attributes
     that were added (`Learner.add_attribute`) are added again, and trials that were forgotten with
     their recordings are forgotten again. The steps of an interrupted trial are recorded;
-    `Learner.resume` can continue the trial.
+    `Learner.resume` can continue the trial. Afterwards the learner knows in which state the last
+    trial left the robot, also if this trial was a test.
 
     Three kinds of trials are skipped: tests, trials that the learner has already, and trials
     without features whose percepts have other levels than those of the agent. Labels of skipped
@@ -88,11 +89,13 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     places = dict[Key, Path]()
     names = dict[Key, str]()  # of the logs, which begin with the time
     headers = list[Mapping[str, object]]()
+    seen = list[tuple[str, Trial]]()  # tests, too, leave a robot somewhere
     for group in files.begun():
         headers.append(group.header)
         for trial in group.trials:
             task = trial.task
             names[task.key] = group.file.name
+            seen.append((time_of(group.file), trial))
             places[task.key] = lasting_path("The log", group.file.parent)
             if (
                 task.learn
@@ -106,7 +109,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
         check_domain(domain, trial)
     told = [entry for _, entry in entries if isinstance(entry, Feedback)]
     check_object_names(_names_kept(recalled, told, experience), experience.met)
-    learner.note_state(recalled)
+    for time, trial in sorted(seen, key=lambda entry: entry[0]):
+        learner.note_state(trial, time)
     learner.note_folders(places)
     for header in headers:
         learner.note_question(header)

@@ -555,6 +555,7 @@ class SavedLearner:
     questions: QuestionCounts
     file: str  # id of the file
     robot_state: str | None  # state of the robot after the last trial
+    robot_seen: str  # time of that trial
 
 
 def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
@@ -603,6 +604,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
             "settings": pack({**written, "classifier": None}, keep),
             "questions": asdict(learner.questions),
             "robot_state": learner.robot_state,
+            "robot_seen": learner.robot_seen,
             "fitted": fitted,
             "table": pack(learner.table, keep),
             "features": write_features(experience, keep),
@@ -670,6 +672,7 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
             questions=QuestionCounts(**meta["questions"]),
             file=str(meta["file"]),
             robot_state=_state_of(meta["robot_state"], domain),
+            robot_seen=str(meta.get("robot_seen", "")),
         )
     own_posterior(settings.posterior, domain, chosen)
     return saved

@@ -81,6 +81,24 @@ def dated_name(name: str, *folders: Path) -> str:
     return f"{_chosen_last[0]}-{file_name(name)}-{secrets.token_hex(3)}"
 
 
+def present_time() -> str:
+    """Return the present time (UTC) as in a name of `dated_name`, not before the last name."""
+    return max(f"{datetime.now(UTC):{_TIME}}", _chosen_last[0])
+
+
+def time_of(log: Path) -> str:
+    """Return the time in a name of `dated_name`; for other names, when the file was last changed.
+
+    If there is no such file, return "".
+    """
+    dated = _DATED.match(log.name)
+    if dated is not None:
+        return dated[1]
+    with contextlib.suppress(OSError):  # another process has renamed it
+        return f"{datetime.fromtimestamp(log.stat().st_mtime, UTC):{_TIME}}"
+    return ""
+
+
 def begun_text(path: Path) -> str:
     """Return the time (UTC) in a name that `dated_name` chose; "" for other names.
 

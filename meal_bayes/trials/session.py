@@ -191,9 +191,12 @@ class Session:
         Called after every step.
     on_end : Callable[[Trial], None] | None
         Called once with the trial when it has ended, whatever the reason.
+    on_start : Callable[[str], None] | None
+        Called with the robot's state when the trial begins.
     on_lost : Callable[[], None] | None
         Called if the trial ends after `behavior` was read and before its outcome is observed. It is
-        called only if this behavior can change the state.
+        called only if this behavior can change the state. It is also called if the robot's `start`
+        fails in `run_trial`, and there are several states.
 
     Examples
     --------
@@ -227,6 +230,7 @@ class Session:
         max_cost: float | None = None,
         on_step: Callable[[Step], None] | None = None,
         on_end: Callable[[Trial], None] | None = None,
+        on_start: Callable[[str], None] | None = None,
         on_lost: Callable[[], None] | None = None,
     ) -> None:
         self._entrance = _Entrance()
@@ -250,11 +254,13 @@ class Session:
         self._truth = truth_of(task.query, truth)
         self._on_step = on_step
         self._on_end = on_end
+        self._on_start = on_start
         self._on_lost = on_lost
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
         self._behavior_known = False  # whether the caller knows that behavior, and may execute it
         self._running_part = "robot"  # for `Trial.ended`, if it raises
+        self._starting = False  # whether the robot may be moving to where it starts
         self._begun = False
         self._ended: str | None = None
         self._start_x = momdp.start
@@ -349,7 +355,10 @@ class Session:
             raise SettingsError("This trial has begun already; begin another trial.")
         self.belief = self.belief.at(self._checker.start(state))
         self._begun = True
+        self._starting = False
         self._start_x = self.belief.x
+        if self._on_start is not None:
+            self._on_start(state)
         self.history = History(self.belief)
         for step in steps:
             self._repeat(step)
@@ -584,7 +593,9 @@ class Session:
                 self._on_end(trial)
 
     def _may_be_moving(self) -> bool:
-        """Whether the caller may be executing a behavior that can change the state."""
+        """Whether the caller may be executing what can change the state."""
+        if self._starting:
+            return len(self.momdp.x_names) > 2  # and "term"
         decision = self._decision if self._behavior_known else None
         return decision is not None and bool(moves(self.momdp, self.belief.x)[decision.action])
 
@@ -665,6 +676,7 @@ def run_trial(session: Session, robot: Robot) -> Trial:
         raise SettingsError(f"robot is {robot!r:.60}; give one that has execute(behavior).")
     with session:
         if not session.begun:
+            session._starting = True
             session.start(robot.start())
         while (behavior := session.behavior) is not None:
             session.observe(robot.execute(behavior))
