@@ -577,10 +577,9 @@ def _learner(config: OnlineConfig, protocol: Protocol) -> Learner:
     split = protocol.split
     count_given = config.normalizer == "all"
     counted = len(split.train) + (len(split.pre) if count_given else 0)
-    reward = dataset.domain.report_reward if config.reward is None else config.reward
     settings = LearnerSettings(
         seed=config.seed,
-        reward=reward,
+        reward=config.reward,
         horizon=config.horizon,
         refit_every=None,
         learn_success=False,

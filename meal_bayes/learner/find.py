@@ -80,7 +80,8 @@ def read_claim(
     )
     if payoffs is None and query.payoffs is None:
         usual = settings.payoffs or domain.payoffs
-        yes = usual[:2] if usual else (settings.reward, wrong_reward(settings.reward))
+        reward = settings.reward_in(domain)
+        yes = usual[:2] if usual else (reward, wrong_reward(reward))
         payoffs = (*yes, 0.0, 0.0)
     return query if payoffs is None else replace(query, payoffs=Payoffs.of(payoffs))
 

@@ -91,7 +91,7 @@ def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bo
         task.query,
         fit.knowledge,
         limit=limits_of(fit, limit),
-        reward=fit.settings.reward,
+        reward=fit.settings.reward_in(fit.knowledge.domain),
         payoffs=fit.settings.payoffs,
         told=told_of(fit, task) if recognize else None,
     )

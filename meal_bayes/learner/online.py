@@ -407,7 +407,7 @@ class Online:
         at_refit = Progress(
             knowledge=replace(self.knowledge_at_refit, domain=self.knowledge.domain),
             horizon=Horizon(self.trials_at_refit, self.settings.horizon),
-            reward=self.settings.reward,
+            reward=self.settings.reward_in(self.record.domain),
             discount=self.agent.discount,
             percepts=self.percepts_at_refit,
             told_fraction=self.told_at_refit,

@@ -52,7 +52,7 @@ class LearnerSettings(ByValue):
     """
 
     seed: int = 0
-    reward: float = 100.0
+    reward: float | None = None
     payoffs: Payoffs | None = None
     horizon: float | None = None
     refit_every: float | None = REFIT_EVERY
@@ -72,7 +72,7 @@ class LearnerSettings(ByValue):
         check_whole("seed", self.seed)
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", str(self.percepts), _PERCEPTS))
-        check_amount("reward", self.reward, LARGEST)
+        check_amount("reward", self.reward, LARGEST, or_none=True)
         horizon = self.horizon
         if horizon is not None and not (is_number(horizon) and 0 <= horizon < np.inf):
             raise SettingsError(
@@ -88,6 +88,10 @@ class LearnerSettings(ByValue):
                 "above 0.5 and at most 1, or None."
             )
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
+
+    def reward_in(self, domain: Domain) -> float:
+        """Return the reward of a right report: the domain's if none is set."""
+        return domain.report_reward if self.reward is None else self.reward
 
 
 def checked_payoffs(values: Sequence[float] | None) -> Payoffs | None:
@@ -109,19 +113,18 @@ def settings_of(
         If both are given, or the value has another type.
     """
     if settings is None:
-        reward = domain.report_reward if by_name["reward"] is None else by_name["reward"]
-        settings = LearnerSettings(**{**by_name, "reward": reward})
+        settings = LearnerSettings(**by_name)
     else:
         check_kind("settings", settings, LearnerSettings)
         defaults = {field.name: field.default for field in fields(LearnerSettings)}
-        defaults["reward"] = None  # by name: the domain's
         changed = [name for name, value in by_name.items() if not _same(value, defaults[name])]
         if changed:
             raise SettingsError(
                 f"Learner() has settings, and {' and '.join(changed)} by name; give all in one "
                 f"value: dataclasses.replace(settings, {changed[0]}=...)."
             )
-    return replace(settings, posterior=own_posterior(settings.posterior, domain, agent))
+    posterior = own_posterior(settings.posterior, domain, agent)
+    return replace(settings, reward=settings.reward_in(domain), posterior=posterior)
 
 
 def _same(value: object, default: object) -> bool:

@@ -5,7 +5,7 @@ import inspect
 import numpy as np
 import pytest
 
-from meal_bayes import Learner, MealBayesError, ask, load_percepts, read_query
+from meal_bayes import Learner, MealBayesError, ask, load_domain, load_percepts, read_query
 from meal_bayes.domain import read_event
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.settings import LearnerSettings
@@ -66,8 +66,20 @@ def test_all_settings_by_name_are_known():
 
 
 def test_settings_may_be_repeated_by_name_as_they_are_by_default():
-    settings = LearnerSettings(seed=4)
+    settings = LearnerSettings(seed=4, reward=7.0)
     assert Learner("roc36", logs=None, settings=settings, refit_every=0.2).settings == settings
+
+
+@pytest.mark.parametrize("name", ["roc36", "toy"])
+def test_a_reward_that_is_not_set_is_the_domain_s(name, tmp_path):
+    domain = load_domain(name)
+    learner = Learner(domain, agent="prior", logs=None, settings=LearnerSettings(seed=1))
+    learner.save(tmp_path / "saved")
+    named = Learner(domain, agent="prior", logs=None, seed=1)
+    loaded = Learner.load(tmp_path / "saved", logs=None)
+    for each in (learner, named, loaded):
+        assert each.settings == learner.settings
+        assert each.settings.reward == domain.report_reward
 
 
 @pytest.mark.parametrize("settings", [{"seed": 3}, 5, "fast", LearnerSettings])
