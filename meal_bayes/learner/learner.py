@@ -68,6 +68,7 @@ from meal_bayes.trial_log.file import SUFFIX
 from meal_bayes.trial_log.folder import ASK, present_time, time_of
 from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
+from meal_bayes.trials.record import truth_of as trial_truth
 from meal_bayes.trials.session import moves
 from meal_bayes.trials.text import UNFINISHED
 
@@ -848,6 +849,7 @@ class Learner:
             task, streams = self._read(
                 question, object_name, key, learn=options.learn, answer=answer, payoffs=payoffs
             )
+            self._truth(task, options)  # before it is counted
             counted: Mapping[str, object] = {}
             if self.table is None and not isinstance(question, Task):
                 counted = self._questions.count(learn=options.learn, key=key)
@@ -884,12 +886,6 @@ class Learner:
                 if task.object_index < 0:  # recordings run out, the sensors of a robot fail
                     usual = domain.diagram.compile(domain.behavior_names)
                     policy = FaultTolerant(momdp, policy, partial(solve, fit, task, key), usual)
-            if learn:
-                self.experience.trial_number(task.key)  # the trial is now part of the experience
-                self._under_way.add(task.key)
-        truth = options.truth
-        if isinstance(truth, Mapping):
-            truth = domain.labels(truth)[columns]
         on_step = options.on_step
         if task.object_index < 0:
             on_step = partial(self._follow, momdp, on_step)
@@ -909,7 +905,7 @@ class Learner:
             agent=fit.agent.name,
             seed=self.settings.seed if options.seed is None else options.seed,
             key=key,
-            truth=fit.truth(task.query) if truth is None else truth,
+            truth=fit.truth(task.query) if options.truth is None else self._truth(task, options),
             counts=fit.knowledge.posterior.counts[columns],
             max_steps=options.max_steps,
             max_cost=options.max_cost,
@@ -920,7 +916,18 @@ class Learner:
         )
         if log is not None:
             self._record(session, log, header or {})
+        if learn:
+            with self._lock:
+                self.experience.trial_number(task.key)  # the trial is now part of the experience
+                self._under_way.add(task.key)
         return session
+
+    def _truth(self, task: Task, options: TrialOptions) -> NDArray[np.int8]:
+        """Return the truth (N,) that is given for a task, after a check; -1 unknown."""
+        truth = options.truth
+        if isinstance(truth, Mapping):
+            truth = self.domain.labels(truth)[self.domain.columns(task.query.attributes)]
+        return trial_truth(task.query, truth)
 
     def _started(self, time: str, state: str) -> None:
         """Remember where a robot starts, and the time before the log of the trial was opened."""

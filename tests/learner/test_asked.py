@@ -1,13 +1,16 @@
 """Keys of random streams: after a restart no question repeats those of another."""
 
 import copy
+from functools import partial
 
+import numpy as np
 import pytest
 
-from meal_bayes import Learner, Outcome
+from meal_bayes import Learner, MealBayesError, Outcome
 from meal_bayes.errors import LogError
 from meal_bayes.learner import recall
 from meal_bayes.learner.question import QuestionCounts
+from meal_bayes.learner.views import attempts
 from meal_bayes.trial_log import Logs
 
 
@@ -147,3 +150,34 @@ def test_only_keys_that_were_counted_count(streams, lessons, tests):
     questions = QuestionCounts()
     questions.count_resumed({"streams": list(streams)})
     assert (questions.lessons, questions.tests) == (lessons, tests)
+
+
+REFUSED = [
+    {"truth": {"red": 5}},
+    {"truth": {"blue": True}},
+    {"truth": [1, 0]},
+    {"log": "there.mcap"},
+]
+
+
+@pytest.mark.parametrize("options", REFUSED, ids=str)
+@pytest.mark.parametrize("how", ["ask", "begin"])
+def test_a_trial_that_is_refused_was_none(dataset, make, tmp_path, how, options):
+    agent = make.agent("look")
+    learner = make.learner(dataset, agent, logs=tmp_path / "logs")
+    if "log" in options:
+        options = {"log": tmp_path / options["log"]}
+        options["log"].touch()
+    key = learner._questions.next_key(learn=True)
+    call = partial(learner.ask, robot=make.arm()) if how == "ask" else learner.begin
+    with pytest.raises(MealBayesError):
+        call("red", **options)
+    if "truth" in options:
+        assert learner._questions.next_key(learn=True) == key
+    learner.ask("red", make.arm(), object_name="mug")
+    learner.tell("mug", {"red": True})
+    heir = make.learner(dataset, agent)
+    recall(heir, tmp_path / "logs")
+    assert learner.experience.trials == heir.experience.trials
+    assert not learner._under_way
+    np.testing.assert_array_equal(attempts(learner.experience), attempts(heir.experience))
