@@ -1021,9 +1021,10 @@ class Learner:
         return Change(agent.name, agent_digest(agent), before, used, refit, under_way=under_way)
 
     def _log_change(self, change: Change) -> None:
-        """Log a change, unless there is no experience yet."""
+        """Log a change; without experience, only an attribute that is added matters."""
         folder = self._logs.log_path(None)
-        if folder is not None and self.table is None and not self.experience.is_empty:
+        matters = change.added or not self.experience.is_empty
+        if folder is not None and self.table is None and matters:
             log_told(self.experience, folder, change)
 
     def _steps_under_way(self) -> dict[Key, int]:

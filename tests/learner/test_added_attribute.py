@@ -95,9 +95,23 @@ def test_logs_that_are_in_no_order_add_the_attribute_first(make, tmp_path):
     assert recalled.domain == learner.domain
 
 
-def test_labels_of_an_attribute_that_a_domain_lacks_are_named(make, tmp_path):
+def test_what_is_added_before_the_first_trial_is_recalled(make, tmp_path):
     agent = make.agent(*PLAN, **make.ours)
     learner = Learner(make.kitchen, agent=agent, logs=tmp_path).add_attribute("heavy")
+    learner.add_attribute("size", ["small", "large"])
+    learner.tell(learner.ask(["heavy", "size"], make.arm()), {"heavy": True, "size": "small"})
+    for domain in (make.kitchen, learner.domain):
+        again = Learner(domain, agent=agent, logs=None)
+        assert len(recall(again, tmp_path)) == 1
+        assert again.domain == learner.domain
+        labels = again.experience.object_labels.values
+        np.testing.assert_array_equal(labels, learner.experience.object_labels.values)
+
+
+def test_labels_of_an_attribute_that_a_domain_lacks_are_named(make, tmp_path):
+    agent = make.agent(*PLAN, **make.ours)
+    with_heavy = {**make.kitchen, "attributes": ["red", "full", "heavy"]}
+    learner = Learner(with_heavy, agent=agent, logs=tmp_path)
     learner.tell(learner.ask("full", make.arm()), {"heavy": True})
     with pytest.warns(UserWarning, match="'heavy'"):
         recall(Learner(make.kitchen, agent=agent, logs=None), tmp_path)
