@@ -1,6 +1,7 @@
 """The log of a trial that is under way, and what a killed process left of it."""
 
 import contextlib
+import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -89,6 +90,10 @@ class NotBrokenOff(LogError):
     """A trial that another process drives, or that is over."""
 
 
+class OpenHere(NotBrokenOff):
+    """A trial whose session in this process is not over."""
+
+
 class Interrupted:
     """A trial that a killed process left in the draft of a log, held by this process alone.
 
@@ -118,6 +123,11 @@ class Interrupted:
             self._file.close()
             # Whoever began it may be dead, and another have resumed it.
             who = re.search(r"\.w(\d+)-", draft.name)
+            if who is not None and int(who[1]) == os.getpid():
+                raise OpenHere(
+                    f"{draft} is open in this process. Go on with its session, or end the trial by "
+                    "the session's cancel()."
+                )
             by = f" (process {who[1]} began it)" if who else ""
             raise NotBrokenOff(
                 f"{draft} is in progress in another process{by}, and only one process may drive a "
@@ -173,6 +183,7 @@ def _furthest(file: Path) -> Interrupted:
             faults.append(fault)
     readable.sort(key=lambda broken: len(broken.trial.steps))
     elsewhere = [fault for fault in faults if isinstance(fault, NotBrokenOff)]
+    elsewhere.sort(key=lambda fault: not isinstance(fault, OpenHere))
     for broken in readable if elsewhere else readable[:-1]:
         broken.release()
     if elsewhere or not readable:
@@ -233,14 +244,21 @@ def interrupted(path: Path) -> Interrupted:
     if not path.is_dir():
         return _furthest(path)
     drafts = list[Interrupted]()
+    here: OpenHere | None = None
     logs = {_log_of(draft) for draft in path.rglob(f"*{ACTIVE}")}
     for log in sorted(log for log in logs if not named_form(log)):
-        with contextlib.suppress(LogError):  # it is under way, or over, or holds no trial
+        try:
             drafts.append(_furthest(log))
+        except OpenHere as fault:
+            here = fault
+        except LogError:  # it is under way elsewhere, or over, or holds no trial
+            pass
     if len(drafts) == 1:
         return drafts[0]
     for draft in drafts:
         draft.release()
+    if here is not None and not drafts:
+        raise here
     if not drafts:
         raise LogError(
             f"{path} contains no interrupted trial; there is nothing to resume."

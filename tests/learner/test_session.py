@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -162,11 +163,11 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
         return
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     again = loaded()
-    with pytest.raises(LogError, match="is in progress in another process"):
+    with pytest.raises(LogError, match="is open in this process"):
         again.resume(draft)
     first._recorder._file.close()  # as the end of its process did
     second = again.resume(state=arm.state)
-    with pytest.raises(LogError, match=r"is in progress|nothing to resume"):
+    with pytest.raises(LogError, match=r"is open in|nothing to resume"):
         loaded().resume(draft)  # one process drives
     assert_same(drive(second, arm), undisturbed)
     assert second.trial.task == first.task
@@ -405,3 +406,20 @@ def test_a_trial_does_not_begin_where_the_robot_is_not(dataset, make, tmp_path, 
         heir.begin("red", state="table", commanded=True).cancel()
         heir.begin("red").cancel()
     session.cancel()
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+@pytest.mark.parametrize("named", [False, True])
+def test_a_trial_that_is_open_in_this_process_is_ended_by_its_session(
+    learner, tmp_path, named, resumed
+):
+    session = learner.begin("red")
+    if resumed:
+        session._recorder._file.close()
+        session = learner.resume(state="table")
+    log = next(tmp_path.rglob("*.active")) if named else None
+    for call in (learner.give_up, partial(learner.resume, state="table")):
+        with pytest.raises(LogError, match=r"open in this process.*cancel\(\)"):
+            call(log)
+    session.cancel()
+    assert not list(tmp_path.rglob("*.active"))
