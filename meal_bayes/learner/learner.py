@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.agents.named import AGENTS
+from meal_bayes.arrays import check_kind
 from meal_bayes.datasets import Dataset, PerceptTable, load_percepts, object_index
 from meal_bayes.domain import Domain, Query, load_domain, with_attribute
 from meal_bayes.errors import LogError, QueryError, SettingsError
@@ -1161,13 +1162,21 @@ class Learner:
             its name or together with recordings.
         recordings : bool
             Whether to remove the recordings and failures of the trial too. The learner then refits
-            as if the trial had never taken place.
+            as if the trial had never taken place. This needs a trial, not a name.
 
         Raises
         ------
         SettingsError
-            There are no labels or recordings to remove.
+            There are no labels or recordings to remove, or recordings of a name.
         """
+        if not isinstance(trial, str):
+            check_kind("trial", trial, Trial)
+        elif recordings:
+            raise SettingsError(
+                f"The recordings of {trial!r:.60} are forgotten by the trial that made them: "
+                "forget(trial, recordings=True). The trial may come from a log, "
+                "next(meal_bayes.read_trials(log))."
+            )
         name = trial if isinstance(trial, str) else trial.task.object_name
         key = (
             key_of_name(name) if isinstance(trial, str) or not trial.task.learn else trial.task.key
@@ -1243,6 +1252,7 @@ class Learner:
         QueryError
             The name of the object differs from a known name only in invisible ways.
         """
+        check_kind("trial", trial, Trial)
         check_domain(self.domain, trial)
         check_object_name(trial.task.object_name, self.experience.met)
         with self._lock:

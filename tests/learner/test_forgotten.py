@@ -123,3 +123,22 @@ def test_the_name_of_a_forgotten_object_is_nobody_s(dataset, make):
     for name in slips:
         with pytest.raises((QueryError, SettingsError), match="Unknown object"):
             learner.forget(name)
+
+
+def test_recordings_are_not_forgotten_by_a_name(dataset, make):
+    learner = make.learner(dataset, make.agent("look"))
+    trial = learner.ask("red", make.arm(), object_name="cup")
+    learner.tell("cup", {"red": True})
+    with pytest.raises(SettingsError, match=r"forget\(trial, recordings=True\)"):
+        learner.forget("cup", recordings=True)
+    assert learner.experience.labels_of_trial(("told", "cup"))[0] == 1
+    learner.forget(trial, recordings=True)
+    assert len(learner.experience.instances_of_trial(trial.task.key)) == 0
+
+
+@pytest.mark.parametrize("call", ["record", "forget"])
+@pytest.mark.parametrize("value", [5, None, b"cup", ["cup"]])
+def test_what_is_no_trial_is_refused(dataset, call, value):
+    learner = Learner(dataset.domain, agent="prior", logs=None)
+    with pytest.raises(SettingsError, match="class Trial"):
+        getattr(learner, call)(value)
