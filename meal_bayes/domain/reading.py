@@ -325,13 +325,13 @@ class _Reader:
             self.joined = _CONNECTIVES[word]
             self.connectives.add(self.joined)
 
-    def other(self, word: str) -> None:
+    def other(self, word: str, *, first: bool) -> None:
         """Read a word that does not name an attribute, or raise an error."""
         if self.negation and word in _QUANTIFIERS:
             raise QueryError(
                 f'"{self.negation} {word}" may be misunderstood; say "{_QUANTIFIERS[word]}".'
             )
-        conditional = word == "if" and self.literals
+        conditional = word == "if" and (first or self.literals)  # not as in "tell me if"
         if conditional or is_sign(word) or word in UNCLEAR_WORDS or contracts_not(word):
             raise QueryError(f'The question says {word!r}; use "and", "or" and "not" alone.')
         if word not in FUNCTION_WORDS and word != "either":
@@ -388,7 +388,7 @@ def read_event(
     sentence = question if isinstance(question, str) else " and ".join(question)
     words = words_of(sentence, vocabulary, domain)
     reader = _Reader(domain)
-    for word in words:
+    for number, word in enumerate(words):
         if word in domain.words:
             reader.attribute(domain.words[word])
         elif word in vocabulary:
@@ -402,7 +402,7 @@ def read_event(
         elif word in _CONNECTIVES or word == "nor":
             reader.join(word)
         else:
-            reader.other(word)
+            reader.other(word, first=number == 0)
     reader.check_end()
     four = None if payoffs is None else Payoffs.of(payoffs)
     return _of_literals(reader.literals, domain, four, disjunction="or" in reader.connectives)

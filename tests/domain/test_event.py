@@ -149,6 +149,16 @@ def test_what_may_be_meant_in_two_ways_is_refused(form, names):
     assert "\n" not in str(fault.value)
 
 
+@pytest.mark.parametrize(
+    "question", ["If it is {}, is it {}?", "if {} then {}", "If {}, is it not {}?"]
+)
+@pytest.mark.parametrize("asks", ["Tell me if it is {} and {}", "Can you see if it is {} and {}?"])
+def test_a_condition_is_not_asked_for(question, asks):
+    with pytest.raises(QueryError, match="'if'"):
+        read_event(question.format("heavy", "red"), ROC36)
+    assert read_event(asks.format("heavy", "red"), ROC36).text == "heavy and brown?"
+
+
 @pytest.mark.parametrize("question", ["!heavy", "~heavy", "heavy | blue", "-heavy", "heavy = no"])
 def test_signs_of_negation_are_no_values(question):
     with pytest.raises(QueryError, match="The question contains"):
