@@ -333,7 +333,7 @@ class Experience:
         return instances[~withdrawn]
 
     def add_dataset(self, dataset: Dataset) -> int:
-        """Add new recordings of a data set, and its labels; return the number of new recordings."""
+        """Add new recordings and labels of a data set; return the number of new recordings."""
         names = ["object", "behavior", "digest", "copy"]
         rows = self.instances.values
         present = set(rows[names][rows["origin"] != WITHDRAWN].tolist())
@@ -354,10 +354,12 @@ class Experience:
                     number, e, digest, copy, recording=r, origin=FROM_DATASET, scale=0
                 )
                 self._add_instance(row, features, self.no_labels, self.no_labels)
-            labels = dataset.labels[o]
             key = key_of_name(name)
-            if ((labels >= 0) & (labels != self.labels_of_trial(key))).any():
-                self.add_labels(key, name, labels, given=True)
+            labels = dataset.labels[o]
+            # What was given before may have been corrected since.
+            new = np.where(labels == self._given_last(key), -1, labels)
+            if (new >= 0).any():
+                self.add_labels(key, name, new, given=True)
         return len(self.instances) - n_before
 
     def add_execution(
@@ -508,6 +510,14 @@ class Experience:
         objects = self._objects_told_in(number)
         calls = self._calls(int(objects[0])) if len(objects) else []
         return fold(self.domain, (call for call in calls if call.trial == number))
+
+    def _given_last(self, trial: Key) -> Labels:
+        """Return the labels (P,) that data sets gave last for a named object; -1 unknown."""
+        rows = self.feedback.values
+        rows = rows[(rows["trial"] == self.trials.get(trial, NONE)) & (rows["given"] == 1)]
+        labels = self.no_labels
+        labels[rows["attribute"]] = rows["value"]
+        return labels
 
     def labels_by_trial(self, o: int) -> Labels:
         """Return the labels of an object from each trial, (trials,P); -1 unknown."""

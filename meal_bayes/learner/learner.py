@@ -979,6 +979,9 @@ class Learner:
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Add recordings to the experience and learn from them, or take a percept table to replay.
 
+        Recordings and labels that were added before are not added again, also if a person has
+        replaced or removed the labels since.
+
         Raises
         ------
         SettingsError

@@ -1,5 +1,7 @@
 """The record: what was executed, and what was said, in any order; what nobody should say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -240,3 +242,24 @@ def test_an_interruption_leaves_no_part_of_a_row(
     learner.tell(learner.ask("red", make.arm()), {"red": False})
     learner.save(tmp_path / "mind")
     assert repr(Learner.load(tmp_path / "mind", logs=None).experience) == repr(record)
+
+
+@pytest.mark.parametrize("said", [{"red": False}, {"red": True}, {"full": False}, None])
+def test_recordings_that_are_given_again_revert_no_correction(dataset, make, said):
+    """Only a label that the data set did not give before is new."""
+    learner = make.learner(dataset, "greedy")
+    name = dataset.objects[3]  # red and full
+    if said is None:
+        learner.forget(name)
+    else:
+        learner.tell(name, said)
+    corrected = learner.experience.object_labels.values.copy()
+    rows = len(learner.experience.feedback)
+    learner.fit(dataset)
+    np.testing.assert_array_equal(learner.experience.object_labels.values, corrected)
+    assert len(learner.experience.feedback) == rows
+    labels = dataset.labels.copy()
+    labels[3, 1] = labels[4, 0] = 1 - labels[3, 1]
+    learner.fit(replace(dataset, labels=labels))
+    corrected[[3, 4], [1, 0]] = labels[[3, 4], [1, 0]]
+    np.testing.assert_array_equal(learner.experience.object_labels.values, corrected)
