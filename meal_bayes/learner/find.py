@@ -1,6 +1,6 @@
 """Find one of several objects: ask about one after another, the most probable first."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
@@ -9,7 +9,8 @@ from meal_bayes.domain import Domain, Payoffs, Query, read_question
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.domain.words import doubled, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.learner.question import NO_CLASSIFIERS, NO_TABLE, checked_robot
+from meal_bayes.learner.settings import LearnerSettings, check_object_names
 from meal_bayes.look import AMOUNT, facts_repr, listed, percent
 from meal_bayes.momdp import initial_belief
 from meal_bayes.momdp.model import MOMDP
@@ -86,15 +87,30 @@ def read_claim(
     return query if payoffs is None else replace(query, payoffs=Payoffs.of(payoffs))
 
 
-def checked_objects(objects: Any) -> dict[str, Robot | None]:
-    """Return the robot of each object by the object's name; None if the object is replayed."""
+def checked_objects(
+    objects: Any, known: Iterable[str], *, replayed: bool
+) -> dict[str, Robot | None]:
+    """Return the robot of each object by the object's name; None if the object is replayed.
+
+    Raises
+    ------
+    SettingsError
+        If these are no objects, an object is given twice, or a robot is missing or is none.
+    QueryError
+        If a name is not valid, or looks like another of them or a `known` one.
+    """
     if isinstance(objects, str) or not isinstance(objects, Mapping | Sequence) or not objects:
         raise SettingsError(
             f"objects is {objects!r:.60}; give names of recorded objects, or {{name: robot}}."
         )
+    check_object_names(objects, known)
     if fault := doubled("object", list(objects)):
         raise SettingsError(fault)
-    return dict(objects) if isinstance(objects, Mapping) else dict.fromkeys(objects)
+    robots = dict(objects) if isinstance(objects, Mapping) else dict.fromkeys(objects)
+    for robot in robots.values():
+        if (checked_robot(robot) is None) != replayed:
+            raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
+    return robots
 
 
 def truth_of(truth: Any, robots: Mapping[str, Any], domain: Domain) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from meal_bayes.learner.question import (
     IDLE,
     LOST,
     NO_CLASSIFIERS,
+    NO_TABLE,
     Question,
     QuestionCounts,
     TrialOptions,
@@ -74,8 +75,6 @@ from meal_bayes.trials.session import moves
 from meal_bayes.trials.text import UNFINISHED
 
 _notes = logging.getLogger("meal_bayes.learner")
-
-NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
 _STRANGER = (
     "According to the logs, the agent {!r} decided from then on, which is no agent of the package. "
@@ -595,7 +594,8 @@ class Learner:
         >>> learner.find("Which one is heavy?", boxes).object_name
         'heavy_green_glass'
         """
-        robots = checked_objects(objects)
+        replayed = self.table is not None
+        robots = checked_objects(objects, self.experience.met, replayed=replayed)
         query = read_claim(question, self.domain, payoffs, self.settings)
         folder = self._logs.folder_of_find(log)
         options = TrialOptions(learn=learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step)
@@ -606,14 +606,13 @@ class Learner:
         prior = dict[str, float]()
         for name in robots:
             task, _ = self._read(query, name)
+            self._truth(task, replace(options, truth=known.get(name)))
             with self._lock:
                 fit = self._fit(task, learn=False, beside=options.beside)
                 prior[name] = prior_of_yes(problem_of(fit, task))
         trials = dict[str, Trial]()
         for name in sorted(robots, key=lambda name: -prior[name]):
             robot = robots[name]
-            if (robot is None) == (self.table is None):
-                raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
             limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
             of_object = replace(options, truth=known.get(name), limit=limit)
             task, streams, header = self._asked(query, name, of_object)

@@ -25,6 +25,7 @@ from meal_bayes.trials.session import Limits
 from meal_bayes.untrusted import name_fault
 
 Question = str | Sequence[str] | Query | Task
+NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
     "ask about an object of the table."
@@ -295,13 +296,17 @@ def robot_or_name(
         if object_name not in (None, robot):
             raise SettingsError(f"Two objects are named, {robot!r} and {object_name!r}; give one.")
         return None, robot
-    driver: Any = robot  # users give anything
-    acts = hasattr(driver, "start") and hasattr(driver, "execute")
-    if isinstance(driver, type) or not (driver is None or acts):
+    return checked_robot(robot), object_name
+
+
+def checked_robot(robot: Any) -> Robot | None:
+    """Return a robot, or None without one; raise `SettingsError` for anything else."""
+    acts = hasattr(robot, "start") and hasattr(robot, "execute")
+    if isinstance(robot, type) or not (robot is None or acts):
         raise SettingsError(
-            f"A robot is an object with start() and execute(behavior); found {driver!r:.60}."
+            f"A robot is an object with start() and execute(behavior); found {robot!r:.60}."
         )
-    return driver, object_name
+    return robot  # type: ignore[no-any-return]
 
 
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:

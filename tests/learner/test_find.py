@@ -2,7 +2,7 @@
 
 import pytest
 
-from meal_bayes import Learner, load_percepts
+from meal_bayes import Learner, MealBayesError, load_percepts
 from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, QueryError, RobotError, SettingsError
 from meal_bayes.robots import Outcome
@@ -11,6 +11,15 @@ from meal_bayes.trial_log import read_trials
 pytestmark = pytest.mark.filterwarnings("ignore:There is no recording")
 
 BOXES = ["light_blue_beans", "medium_brown_rice", "heavy_green_glass", "heavy_blue_beans"]
+
+
+class Untold:
+    """A robot that is not to be asked."""
+
+    def start(self):
+        raise AssertionError
+
+    execute = start
 
 
 @pytest.fixture(scope="module")
@@ -138,3 +147,37 @@ def test_a_file_is_no_folder(replaying, tmp_path):
 def test_a_misspelled_truth_is_told_before_a_robot_moves(replaying, truth, error, message):
     with pytest.raises(error, match=message):
         replaying.find("blue", BOXES, truth=truth)
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        ({"pot": 5}, "start\\(\\)"),
+        ({"pot": "mug"}, "start\\(\\)"),
+        ({"pot": Untold}, "start\\(\\)"),
+        ({"pot": None}, "Give a robot"),
+        ({5: Untold()}, "text"),
+        ({"": Untold()}, "name"),
+        ({"mug ": Untold()}, "name"),
+        ({"cup  1": Untold()}, "cannot be seen"),
+    ],
+)
+def test_what_is_no_robot_is_told_before_one_moves(dataset, make, second, message):
+    arm = make.arm()
+    with pytest.raises(MealBayesError, match=message):
+        make.learner(dataset, "greedy").find("red", {"mug": arm, **second})
+    assert not arm.executed
+
+
+def test_a_wrong_truth_is_told_before_a_robot_moves(dataset, make):
+    arms = {"mug": make.arm(), "pot": make.arm()}
+    for truth in ([1, 0], "no"):
+        with pytest.raises(MealBayesError, match="truth"):
+            make.learner(dataset, "greedy").find("red", arms, truth={"mug": [1], "pot": truth})
+    assert not any(arm.executed for arm in arms.values())
+
+
+@pytest.mark.parametrize("objects", [[1, 2], [None], [BOXES[0], b"mug"], {1: None}])
+def test_objects_are_named_by_text(replaying, objects):
+    with pytest.raises(SettingsError, match="text"):
+        replaying.find("blue", objects)
