@@ -38,9 +38,9 @@ class Outcome(ByValue):
     features : Mapping[str, ArrayLike] | None
         Feature vector (D,) of each modality of the behavior; None if the behavior failed or has no
         modalities.
-    answers : Mapping[str, bool | str] | None
+    answers : Mapping[str, bool | str | None] | None
         Answers of a person, if the behavior asks one: True or False for each attribute, or the name
-        of a value for each group.
+        of a value for each group; None if there was no answer.
     recording : int | None
         Number of the recording, if the robot replays recordings. A real robot leaves it out.
     percepts : Mapping[str, bool | str | float | None] | None
@@ -59,7 +59,7 @@ class Outcome(ByValue):
 
     state: str
     features: Mapping[str, ArrayLike] | None = None
-    answers: Mapping[str, bool | str] | None = None
+    answers: Mapping[str, bool | str | None] | None = None
     recording: int | None = None
     percepts: Mapping[str, bool | str | float | None] | None = None
 
@@ -195,12 +195,12 @@ class OutcomeChecker:
             return Execution(next_x, warning=warning)
         return Execution(next_x, answers=self._answers(outcome.answers))
 
-    def _answers(self, said: Mapping[str, bool | str]) -> dict[str, bool]:
+    def _answers(self, said: Mapping[str, bool | str | None]) -> dict[str, bool]:
         """Return what a person said by attribute; of a group the value that is true says all."""
         if not isinstance(said, Mapping):
             raise _NoPercept(f"answers are {said!r:.60}, not {{attribute: True or False}}")
         for name, value in said.items():
-            if not isinstance(value, bool | np.bool_ | str):
+            if not isinstance(value, bool | np.bool_ | str | None):
                 raise _NoPercept(f"the answer {name!r}: {value!r} is not True or False")
         try:
             labels = self._domain.labels(said)

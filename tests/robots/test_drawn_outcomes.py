@@ -53,6 +53,17 @@ def test_what_is_no_percept_is_a_warning_of_one_line(behavior, fields):
         assert np.isfinite(values).all()
 
 
+@given(
+    said=st.dictionaries(st.sampled_from(DOMAIN.attributes), st.sampled_from([True, False, None]))
+)
+def test_what_a_person_left_open_hides_no_answer(said):
+    ungrouped = {name: value for name, value in said.items() if not DOMAIN.group_of(name)}
+    execution = CHECKER.execute(DOMAIN.behavior_index("ask"), Outcome("x1", answers=ungrouped))
+    given_answers = {name: value for name, value in ungrouped.items() if value is not None}
+    assert execution.answers == given_answers
+    assert not execution.warning
+
+
 @given(state=VALUES.filter(lambda value: not (isinstance(value, str) and value in STATES)))
 def test_a_state_of_another_kind_is_refused_in_one_line(state):
     with pytest.raises(RobotError, match="state") as caught:
