@@ -227,7 +227,7 @@ class Experience:
     feedback_logs : dict
         Names of the logs of the feedback, in order.
     unlogged : list
-        Feedback that could not be logged yet, with the folder of its log.
+        Feedback that could not be logged yet, with the folder of its log; None is the learner's.
     warned_of : set
         Problems for which a warning was given already.
     """
@@ -251,7 +251,7 @@ class Experience:
             context: {} for context in domain.contexts
         }
         self.feedback_logs: dict[str, None] = {}
-        self.unlogged = list[tuple[Path, Feedback | Change]]()
+        self.unlogged = list[tuple[Path | None, Feedback | Change]]()
         self.warned_of = set[str]()
 
     def __repr__(self) -> str:

@@ -49,6 +49,7 @@ from meal_bayes.perception.perceiver import BehaviorClassifier
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.robots.robot import state_index
+from meal_bayes.trial_log.feedback import Change, Feedback
 from meal_bayes.untrusted import (
     UNREADABLE,
     check_unpacked,
@@ -209,6 +210,8 @@ _TABLES = (
     "object_labels",
 )
 _NAMES = ("objects", "trials", "feedback_logs")  # one JSON value per line
+_UNLOGGED = "unlogged"  # its folders are not written, as another machine may load the file
+_ENTRIES: Mapping[str, type[Feedback | Change]] = {"Feedback": Feedback, "Change": Change}
 _LARGE = 2**62
 _MOST_LEVELS = 64
 
@@ -233,6 +236,8 @@ def write_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
         write_array(archive, name, getattr(experience, name).values)
     for name in _NAMES:
         archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
+    unlogged = [[type(entry).__name__, entry.packed().decode()] for _, entry in experience.unlogged]
+    archive.writestr(_UNLOGGED, "\n".join(map(json.dumps, unlogged)))
 
 
 def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
@@ -257,6 +262,8 @@ def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
     if not all(isinstance(name, str) for name in [*objects, *feedback_logs]):
         raise ValueError("objects or logs are not named by text")
     experience.feedback_logs = dict.fromkeys(feedback_logs)
+    for kind, text in _read_lines(archive, _UNLOGGED) if _UNLOGGED in archive.namelist() else ():
+        experience.unlogged.append((None, _ENTRIES[kind].unpacked(text.encode())))
     experience.objects = {name: number for number, name in enumerate(objects)}
     experience.trials = {key: number for number, key in enumerate(trials)}
     for name, values in tables.items():

@@ -75,7 +75,7 @@ def log_told(experience: Experience, folder: Path, entry: Feedback | Change | No
     header = {"config": {"command": "Learner.tell"}, "data": experience.domain.data}
     for log_folder, feedback in tuple(experience.unlogged):
         try:
-            log = write_feedback(log_folder, feedback, header=header)
+            log = write_feedback(log_folder or folder, feedback, header=header)
         except LogError as fault:
             raise LogError(
                 f"{fault} The label or change was learned, but not logged. Repair this, and call "

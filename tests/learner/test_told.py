@@ -207,12 +207,27 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
         assert told[0] == told[1]
 
 
-def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, monkeypatch):
-    learner = begun(dataset, make, tmp_path)
+@pytest.mark.parametrize("restarts", [0, 1, 2])
+def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, monkeypatch, restarts):
+    """The next call logs it, also if the learner was saved and loaded in between."""
+    learner = begun(dataset, make, tmp_path / "logs")
     monkeypatch.setattr(log_file, "name_new", full)
     with pytest.raises(LogError, match=r"No space left.*was learned, but not logged"):
         learner.tell("mug", {"red": True})
+    with pytest.raises(LogError):
+        learner.refit()
     assert red(learner) == {"mug": 1}
+    monkeypatch.undo()
+    for number in range(restarts):
+        learner.save(tmp_path / f"{number}.mind")
+        logs = None if number == 0 and restarts == 2 else tmp_path / "logs"
+        learner = Learner.load(tmp_path / f"{number}.mind", agent=make.agent("look"), logs=logs)
+    learner.tell("mug", {"red": True})
+    heir = Learner(dataset.domain, agent=make.agent("look"), logs=None)
+    recall(heir, tmp_path / "logs")
+    assert red(heir) == {"mug": 1}
+    assert len(feedback_files(tmp_path / "logs" / dataset.domain.name)) == 2
+    assert not learner.experience.unlogged
 
 
 @given(
