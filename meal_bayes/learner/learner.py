@@ -263,7 +263,7 @@ class Learner:
         self._file = ""  # id of the file that was read or written last
         self._robot_state: str | None = None  # where the last trial with a robot left it, or LOST
         self._robot_seen = ""  # when that trial was over; while it is not, when it began
-        self._under_way = set[Key]()  # trials that teach, and are not over
+        self._under_way = dict[Key, str]()  # the object of each trial that teaches, and is not over
         self._stranger = False  # who decided then is not known, where a log is heard
         self._idle_told = False  # a person was warned of an agent that does not explore
 
@@ -297,6 +297,11 @@ class Learner:
         """All recordings, executions and labels; reading them waits for the end of a refit."""
         with self._lock:
             return self._experience
+
+    @property
+    def known_names(self) -> list[str]:
+        """Names of the objects that were met, also in trials that are not over."""
+        return [*self.experience.met, *self._under_way.values()]
 
     @property
     def is_refitting(self) -> bool:
@@ -595,7 +600,7 @@ class Learner:
         'heavy_green_glass'
         """
         replayed = self.table is not None
-        robots = checked_objects(objects, self.experience.met, replayed=replayed)
+        robots = checked_objects(objects, self.known_names, replayed=replayed)
         query = read_claim(question, self.domain, payoffs, self.settings)
         folder = self._logs.folder_of_find(log)
         options = TrialOptions(learn=learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step)
@@ -669,6 +674,7 @@ class Learner:
         with resuming(path) as broken:
             trial = broken.trial
             check_resumed(trial, self.experience, self.agent)
+            check_object_name(trial.task.object_name, self.known_names)
             begun = dict(broken.header["begun"])
             start = start_of(trial, begun.pop("state", None) or self.domain.diagram.start, state)
             options = TrialOptions(truth=trial.truth, **begun)
@@ -722,7 +728,7 @@ class Learner:
         path = self._logs.interrupted(log, "give give_up() the trial's log")
         trial, header = end_broken(path)
         self.note_state(trial)
-        with contextlib.suppress(LogError, SettingsError):
+        with contextlib.suppress(LogError, SettingsError, QueryError):
             check_resumed(trial, self.experience, self.agent)
             if trial.task.learn and self.table is None:
                 self.note_question(header)
@@ -826,7 +832,7 @@ class Learner:
         """Read a question into a task; return it with the key of its random streams, by `key`."""
         name = question.object_name if isinstance(question, Task) else object_name
         if name is not None:
-            check_object_name(name, self.experience.met)
+            check_object_name(name, self.known_names)
         if key is None and self.table is None:
             key = self._questions.next_key(learn=learn)
         return read_task(
@@ -919,7 +925,7 @@ class Learner:
         if learn:
             with self._lock:
                 self.experience.trial_number(task.key)  # the trial is now part of the experience
-                self._under_way.add(task.key)
+                self._under_way[task.key] = task.object_name
         return session
 
     def _truth(self, task: Task, options: TrialOptions) -> NDArray[np.int8]:
@@ -967,7 +973,7 @@ class Learner:
     def _end(self, trial: Trial) -> None:
         """Learn from a trial that has ended; a recognized object may have labels already."""
         with self._lock:
-            self._under_way.discard(trial.task.key)
+            self._under_way.pop(trial.task.key, None)
             self._fits.update(self.experience.instances_of_trial(trial.task.key))
         if not self._idle_told and is_idle(trial, training_agent(self.agent)):
             self._idle_told = True
@@ -991,7 +997,7 @@ class Learner:
             The name of an object differs from a known name only in invisible ways.
         """
         check_data(data, self.domain)
-        check_object_names(data.objects, self.experience.met)
+        check_object_names(data.objects, self.known_names)
         with self._lock:
             self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
@@ -1125,7 +1131,7 @@ class Learner:
         if not (labels >= 0).any():
             return
         name = trial.task.object_name if isinstance(trial, Trial) else trial
-        check_object_name(name, self.experience.met)
+        check_object_name(name, self.known_names)
         with self._lock:
             if isinstance(trial, str) and self.table is None:
                 warn_of_typo(self.experience, name)
@@ -1256,7 +1262,7 @@ class Learner:
         """
         check_kind("trial", trial, Trial)
         check_domain(self.domain, trial)
-        check_object_name(trial.task.object_name, self.experience.met)
+        check_object_name(trial.task.object_name, self.known_names)
         with self._lock:
             self._fit_agents()
             self.experience.trial_number(trial.task.key)

@@ -108,7 +108,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     for trial in recalled:  # all of them, before one is experience
         check_domain(domain, trial)
     told = [entry for _, entry in entries if isinstance(entry, Feedback)]
-    check_object_names(_names_kept(recalled, told, experience), experience.met)
+    check_object_names(_names_kept(recalled, told, experience), learner.known_names)
     for time, trial in sorted(seen, key=lambda entry: entry[0]):
         learner.note_state(trial, time)
     learner.note_folders(places)

@@ -76,6 +76,22 @@ def test_no_door_lets_in_an_object_that_looks_like_another(dataset, make, tmp_pa
     saved.ask("red", make.arm())
 
 
+def test_trials_that_are_open_at_once_are_of_objects_that_look_different(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent("look"))
+    session = learner.begin("red", "a b")
+    with pytest.raises(QueryError, match="cannot be seen"):
+        learner.begin("red", "a  b")
+    session.cancel()
+    theirs = make.learner(dataset, make.agent("look"), logs=tmp_path)
+    theirs.begin("red", "a  b")._recorder._file.close()  # as the end of its process does
+    learner.ask("red", make.arm(), object_name="a b")
+    with pytest.raises(QueryError, match="cannot be seen"):
+        learner.resume(tmp_path, state="table")
+    assert learner.give_up(tmp_path).task.object_name == "a  b"
+    assert "a  b" not in learner.experience.objects
+    learner.refit()
+
+
 def test_a_name_may_come_back_in_another_form_when_it_was_forgotten(dataset, make, tmp_path):
     learner = make.learner(dataset, make.agent("look"), logs=tmp_path)
     trial = learner.ask("red", make.arm(), object_name="a b")
