@@ -29,7 +29,7 @@ STEADY = settings(
     derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("quick", STEADY, max_examples=8)
-settings.register_profile("thorough", STEADY, max_examples=30)
+settings.register_profile("thorough", STEADY, max_examples=20)
 settings.register_profile("bars", STEADY, max_examples=2500)  # minutes to hours, of named files
 settings.register_profile("lives", STEADY, max_examples=300)  # of tests/learner/test_lives.py
 settings.load_profile("quick")
