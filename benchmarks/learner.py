@@ -13,6 +13,7 @@ import time
 from functools import partial
 
 import numpy as np
+from knowing_little import answers
 from measuring import options_of, show
 
 from meal_bayes import Learner, load_dataset
@@ -23,11 +24,6 @@ DATASETS = ("roc36", "cy101", "ispy32")
 TRIALS = 100
 TESTS = 100
 REFITS = (0.001, 0.1, 0.2, 0.5)  # parts by which labeled recordings grew; first: every label
-
-
-def answers(truth: dict[str, bool], rng: np.random.Generator, accuracy: float) -> dict[str, bool]:
-    """Return what a person says who is right with such an accuracy."""
-    return {name: bool(rng.random() < accuracy) == value for name, value in truth.items()}
 
 
 def refits(name: str, seed: int, refit_every: float) -> dict[str, object]:

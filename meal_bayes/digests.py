@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _PACKAGE = Path(__file__).parent
-_SOURCES = (".py", ".toml", ".npz", ".xz")  # files of the package that can change a number
+_SOURCES = (".py", ".toml", ".npz")  # files of the package that can change a number
 
 
 def digest_of(*parts: object) -> str:

@@ -81,7 +81,7 @@ def _with_imported(script: Path) -> set[Path]:
 
 def _files(folder: Path) -> Iterator[Path]:
     for file in sorted(folder.rglob("*")):
-        if file.suffix in (".py", ".toml", ".npz", ".xz"):
+        if file.suffix in (".py", ".toml", ".npz"):
             yield file
 
 

@@ -234,7 +234,7 @@ def test_every_setting_reaches_the_run(config, tmp_path):
         run = run_online(replace(base, **change), logs=tmp_path)
         folders.add(run.folder)
         for path in run.folder.rglob("*.mcap"):
-            settings = json.loads(json.dumps(read_header(path)["config"]))
+            settings = read_header(path)["config"]
             assert settings | json.loads(json.dumps(change)) == settings
         trials = [t for p in run.folder.rglob("*-test.mcap") for t in read_trials(p)]
         assert {len(trial.truth) for trial in trials} == {change.get("attributes", 1)}
