@@ -1,7 +1,7 @@
 """Run the steps of the published workflows here, as a runner would, from a bare clone.
 
 python .ci/run_workflows.py                 jobs `build` (of the site) and `fast`, this Python
-python .ci/run_workflows.py full            the whole CI (a quarter of an hour)
+python .ci/run_workflows.py full            the whole CI (half an hour)
 
 Each job has a clone of the last commit with nothing beside it, a home folder of its own and no
 variables of this shell but those that find packages. Steps that only GitHub can do are named and
