@@ -52,9 +52,9 @@ where the other agent's curve ends: Iterative MORC's or Random Legal's.
 Who has explored for less by its last batch keeps its last value until then: against Random Legal
 MORC-ITRS, {carried}. Accuracy, abstaining and reward of the tables are those after the last batch;
 who abstains ("I do not know", for 0 s) is not right. Where two attributes are asked under `theirs`,
-Iterative MORC gives up about a quarter of its tests in one of twenty splits and next to none in the
-others, which is much of the spread of its accuracy: after the last batch twenty splits leave ± .04
-there, more than half a margin of .05. On recordings Iterative MORC and MORC-ITRS have one planner
+Iterative MORC gives up about a fifth of its tests in two of twenty splits, MORC-ITRS in one of
+them, and next to none in the others, which is part of the spread of their accuracies.
+On recordings Iterative MORC and MORC-ITRS have one planner
 and are tested without a bonus, so that at 0 h, after the same pretraining, they are one agent; what
 they explored tells them apart. On recordings intervals are of other objects, of which repeats split
 the same few. Under `theirs` these objects are the whole population, and repeats, each of a split of
