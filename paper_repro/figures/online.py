@@ -53,7 +53,9 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
         for agent in (name for name in _DRAWN if name in agents):
             _difference(ax, agents[agent], agents[_BASE], measure)
             area = interval_of(
-                agents[agent][f"{measure} over H h, less its"], agents[agent]["repeats"]
+                agents[agent][f"{measure} over H h, less its"],
+                agents[agent]["repeats"],
+                cases=len(tables),
             )
             told.setdefault(agent, []).append(_side(area))
         with axes_to_draw(ax):
@@ -76,9 +78,9 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
         axes[0],
         f"{measure.capitalize()} against Iterative MORC: {AGENT_NAMES[_BEST]} is "
         f"{_counts(told.get(_BEST, []))} of {len(tables)} panels",
-        f"Judged by the mean over the hours that both explored; {others}. {record['size']} Bands: "
-        "95 % intervals over splits of the same objects (Student's t). A line ends where either "
-        "agent stopped exploring.",
+        f"Judged by the mean over the hours that both explored, all panels together; {others}. "
+        f"{record['size']} Bands: 95 % intervals over splits of the same objects (Student's t). "
+        "A line ends where either agent stopped exploring.",
     )
     return axes[0]
 

@@ -49,7 +49,7 @@ def rows_of(table: Mapping[str, Any]) -> list[Row]:
     return [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
 
 
-def interval_of(cell: Any, units: int | None = None) -> Interval:
+def interval_of(cell: Any, units: int | None = None, *, cases: int = 1) -> Interval:
     """Return the estimate and the ends of a cell.
 
     Parameters
@@ -57,6 +57,7 @@ def interval_of(cell: Any, units: int | None = None) -> Interval:
     cell : None, a number, [estimate, standard error], or [estimate, low, high] of a fraction.
     units : independent units of a mean, for a 95 % interval by Student's t; without them it
         reaches two standard errors.
+    cases : how many such intervals of means hold together with 95 % (Bonferroni).
     """
     if cell is None or (isinstance(cell, list) and cell[0] is None):
         return UNKNOWN
@@ -66,7 +67,7 @@ def interval_of(cell: Any, units: int | None = None) -> Interval:
     if len(errors) > 1:
         return Interval(estimate, np.nan, errors[0], errors[1])
     error = errors[0] if errors[0] is not None else np.nan
-    reach = error * (TWO_ERRORS if units is None else float(stdtrit(units - 1, 0.975)))
+    reach = error * (TWO_ERRORS if units is None else float(stdtrit(units - 1, 1 - 0.025 / cases)))
     return Interval(estimate, error, estimate - reach, estimate + reach)
 
 
