@@ -67,7 +67,7 @@ from meal_bayes.seeds import Key
 from meal_bayes.threads import Lock
 from meal_bayes.trial_log.feedback import Change
 from meal_bayes.trial_log.file import SUFFIX
-from meal_bayes.trial_log.folder import ASK, present_time, time_of
+from meal_bayes.trial_log.folder import ASK, present_time
 from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.record import truth_of as trial_truth
@@ -681,7 +681,7 @@ class Learner:
             try:
                 session = self._session(trial.task, tuple(broken.header["streams"]), options)
                 session.start(start, steps=trial.steps)
-                self._robot_seen = time_of(broken.path)
+                self._robot_seen = broken.time
             except Exception as fault:
                 fault.add_note("give_up() ends the trial, and needs no agent for it")
                 raise
@@ -694,7 +694,7 @@ class Learner:
 
         Giving up needs no planning, and works in every state of the robot. The learner learns from
         the steps of the trial if learner and trial have the same domain and the same percept
-        levels.
+        levels. The state of the robot becomes that of the trial if no later trial is known.
 
         Parameters
         ----------
@@ -726,12 +726,12 @@ class Learner:
         'cancelled'
         """
         path = self._logs.interrupted(log, "give give_up() the trial's log")
-        trial, header = end_broken(path)
-        self.note_state(trial)
+        trial, broken = end_broken(path)
+        self.note_state(trial, broken.time)
         with contextlib.suppress(LogError, SettingsError, QueryError):
             check_resumed(trial, self.experience, self.agent)
             if trial.task.learn and self.table is None:
-                self.note_question(header)
+                self.note_question(broken.header)
                 self.record(trial)
                 self._end(trial)
         return trial
@@ -792,7 +792,7 @@ class Learner:
         self._stranger = not known
         self._agent = known[0] if known else own
 
-    def note_state(self, trial: Trial, time: str | None = None) -> None:
+    def note_state(self, trial: Trial, time: str) -> None:
         """Remember in which state a logged trial left the robot.
 
         The time, such as `trial_log.folder.time_of`, is that of its log. A log from before the last
@@ -803,9 +803,9 @@ class Learner:
         ours = self.domain.behavior_names, diagram.states
         if trial.task.object_index >= 0 or theirs != ours or trial.task.key in self._under_way:
             return
-        if time is not None and time < self._robot_seen:
+        if time < self._robot_seen:
             return
-        self._robot_seen = present_time() if time is None else time
+        self._robot_seen = time
         ends = [step.next_x for step in trial.steps if step.next_x != momdp.terminal]
         if ends:
             self._robot_state = diagram.states[ends[-1]]

@@ -21,7 +21,7 @@ from meal_bayes.trial_log.file import (
     salvage,
     stem_of,
 )
-from meal_bayes.trial_log.folder import begun_text, dated_name
+from meal_bayes.trial_log.folder import begun_text, dated_name, time_of
 from meal_bayes.trials import Trial
 from meal_bayes.untrusted import open_regular
 
@@ -107,6 +107,8 @@ class Interrupted:
         The header of the log.
     trial : Trial
         The trial, as far as it went; its `ended` says what ended it.
+    time : str
+        When it began, as of `time_of`; where the name has no time, when the draft was last written.
 
     Raises
     ------
@@ -135,6 +137,7 @@ class Interrupted:
             )
         self.path = _log_of(draft)
         self.file = draft
+        self.time = time_of(self.path) or time_of(draft)
         try:
             self.header: dict[str, Any] = read_header(draft)
             self.trial = self._read(draft)
@@ -216,8 +219,8 @@ def resuming(path: Path) -> Iterator[Interrupted]:
         raise
 
 
-def end_broken(path: Path) -> tuple[Trial, Mapping[str, object]]:
-    """End what `interrupted` returns; return the trial and the header of its log, now whole."""
+def end_broken(path: Path) -> tuple[Trial, Interrupted]:
+    """End what `interrupted` returns; return the trial, whose log is now whole, and what it was."""
     with resuming(path) as broken:
         trial = broken.trial
         log = LiveLog(broken.path, broken.header, trial.task.object_name, resumed=broken)
@@ -226,7 +229,7 @@ def end_broken(path: Path) -> tuple[Trial, Mapping[str, object]]:
             log.step(step)
         trial = replace(trial, ended="" if trial.report is not None else "cancelled")
         log.end(trial)
-        return trial, broken.header
+        return trial, broken
 
 
 def interrupted(path: Path) -> Interrupted:

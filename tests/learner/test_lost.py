@@ -71,6 +71,22 @@ def test_a_trial_that_is_given_up_leaves_the_robot_anywhere(dataset, make, tmp_p
         other.begin("red")
 
 
+@pytest.mark.parametrize("name", ["", "1.mcap"], ids=["dated", "undated"])
+def test_a_trial_that_is_given_up_says_nothing_of_a_robot_seen_later(name, dataset, make, tmp_path):
+    first = make.learner(dataset, "greedy", logs=None)
+    session = first.begin("full", state="table", commanded=True, log=tmp_path / "first" / name)
+    session.command(unvalued(session.momdp, LIFT))
+    session.observe(Outcome("held"))
+    session._recorder._file.close()  # as if the process had ended
+    (draft,) = tmp_path.rglob("*.active")
+
+    restarted = make.learner(dataset, "greedy", logs=None)
+    restarted.begin("red", state="table", commanded=True).cancel()
+    restarted.give_up(draft)
+    restarted.begin("red", commanded=True).cancel()  # it is on the table, as it was last
+    assert len(restarted.experience.executions) == 1
+
+
 def test_an_answer_leaves_the_robot_where_it_was(dataset, make):
     learner = make.learner(dataset, "greedy", logs=None)
     broken_off(learner, 0, RuntimeError("stuck"), learn=True)
