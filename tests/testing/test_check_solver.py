@@ -63,6 +63,8 @@ class SoundPolicy:
             action = int(np.random.default_rng().choice(legal))
         if faults.get("draws from NumPy's global generator"):
             np.random.random()  # noqa: NPY002
+        if faults.get("draws from NumPy's global generator once") and self.decided == 5:
+            np.random.random()  # noqa: NPY002
         if faults.get("draws from Python's global generator"):
             random.random()
         if faults.get("remembers trials") and self.decided > 13:
@@ -98,6 +100,7 @@ FAULTS = {
     "has a negative gap": "gap is -1.0",
     "draws without a seed": "another policy of it decides differently",
     "draws from NumPy's global generator": "draws from a global generator",
+    "draws from NumPy's global generator once": "draws from a global generator",
     "draws from Python's global generator": "draws from a global generator",
     "remembers trials": "the same policy in a later trial decides differently",
     "changes the history": "changes the history.*copy what you change",
@@ -115,6 +118,7 @@ def test_a_sound_solver_passes() -> None:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found(fault: str) -> None:
+    np.random.random()  # noqa: NPY002  # so that the next draw moves its position alone
     with pytest.raises(ConformanceError, match=FAULTS[fault]) as told:
         check_solver(Sound(**{fault: True}))
     assert "Sound" in str(told.value)
