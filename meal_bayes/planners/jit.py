@@ -324,7 +324,8 @@ class _Preparing(event.Listener):  # type: ignore[misc]  # numba has no types
     watchers = 0  # which show it in their own way
 
     def on_start(self, started: Any) -> None:
-        ours = started.data["dispatcher"].py_func.__module__.startswith("meal_bayes.")
+        module = started.data["dispatcher"].py_func.__module__  # None where a program wrote it
+        ours = module is not None and module.startswith("meal_bayes.")
         if not ours or self.said or self.watchers or sys.stderr is None:
             return
         if "ipykernel" in sys.modules or sys.stderr.isatty():

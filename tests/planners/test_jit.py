@@ -221,3 +221,11 @@ def test_after_an_edit_in_another_folder_kernels_are_compiled_anew(tmp_path):
     assert line in text
     path.write_text(text.replace(line, line.replace("return mean", "return 0.5 * mean")))
     assert run(TABLE, tmp_path, **places) != first
+
+
+def test_a_function_of_no_module_compiles_as_well() -> None:
+    """Programs that write functions, such as PyTensor, do not say where these belong."""
+    space = dict[str, object]()
+    exec("def double(x):\n    return 2 * x\n", space)
+    space["double"].__module__ = None
+    assert numba.njit(space["double"])(21) == 42
