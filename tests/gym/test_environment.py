@@ -222,6 +222,7 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert [len(trial.steps) for trial in read_trials(recovered)] == [2, 2, 2]
 
 
+@pytest.mark.filterwarnings("default:.*ERROR")  # Gymnasium's, before it raises a worker's error
 @pytest.mark.parametrize("make", [gymnasium.vector.SyncVectorEnv, gymnasium.vector.AsyncVectorEnv])
 def test_each_environment_of_a_vector_writes_a_file_of_its_own(tmp_path, make):
     def one():
