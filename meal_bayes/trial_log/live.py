@@ -220,7 +220,7 @@ def resuming(path: Path) -> Iterator[Interrupted]:
 
 
 def end_broken(path: Path) -> tuple[Trial, Interrupted]:
-    """End what `interrupted` returns; return the trial, whose log is now whole, and what it was."""
+    """End an interrupted trial and complete its log; return the trial, and what was interrupted."""
     with resuming(path) as broken:
         trial = broken.trial
         log = LiveLog(broken.path, broken.header, trial.task.object_name, resumed=broken)
